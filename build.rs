@@ -1,0 +1,69 @@
+//! Compiles every kernel variant with shaderc and checks what the shader declares against its contract in
+//! `src/kernels/contracts.rs`.
+
+// The contracts are the library's own: both sides see the same tables.
+#[path = "src/kernels"]
+#[allow(dead_code, reason = "the build reads the contracts only")]
+mod kernels {
+    pub mod contract;
+    pub mod contracts;
+}
+#[path = "build/check.rs"]
+mod check;
+
+use kernels::contract::Contract;
+use std::fmt::Write as _;
+use std::path::{Path, PathBuf};
+use std::{env, fs};
+
+fn main() {
+    if let Err(message) = build() {
+        eprintln!("{message}");
+        std::process::exit(1);
+    }
+}
+
+fn build() -> Result<(), String> {
+    println!("cargo::rerun-if-changed=glsl");
+    println!("cargo::rerun-if-changed=build");
+    println!("cargo::rerun-if-changed=src/kernels");
+    let out = PathBuf::from(env::var_os("OUT_DIR").ok_or("OUT_DIR is not set")?);
+    let compiler = shaderc::Compiler::new().map_err(|e| format!("no shader compiler: {e}"))?;
+    let mut modules = String::from("static MODULES: &[(&str, &[u32])] = &[\n");
+    for contract in kernels::contracts::ALL {
+        // The optimiser strips the names that the check compares.
+        check::check(contract, &compile(&compiler, contract, shaderc::OptimizationLevel::Zero)?)?;
+        let words = compile(&compiler, contract, shaderc::OptimizationLevel::Performance)?;
+        let file = out.join(format!("{}.in", contract.name));
+        fs::write(&file, format!("{words:?}")).map_err(|e| format!("{}: {e}", file.display()))?;
+        writeln!(modules, "    ({:?}, &include!({:?})),", contract.name, file.display()).map_err(|e| e.to_string())?;
+    }
+    modules.push_str("];\n");
+    fs::write(out.join("spirv.rs"), modules).map_err(|e| e.to_string())
+}
+
+/// SPIR-V 1.5 of one variant.
+fn compile(
+    compiler: &shaderc::Compiler,
+    contract: &Contract,
+    level: shaderc::OptimizationLevel,
+) -> Result<Vec<u32>, String> {
+    let path = Path::new("glsl").join(contract.source);
+    let source = fs::read_to_string(&path).map_err(|e| format!("{}: {e}", path.display()))?;
+    let mut options = shaderc::CompileOptions::new().map_err(|e| e.to_string())?;
+    options.set_target_env(shaderc::TargetEnv::Vulkan, shaderc::EnvVersion::Vulkan1_2 as u32);
+    options.set_optimization_level(level);
+    options.set_warnings_as_errors();
+    for (name, value) in contract.defines {
+        options.add_macro_definition(name, Some(value));
+    }
+    options.set_include_callback(|wanted, _, _, _| {
+        let file = Path::new("glsl").join(wanted);
+        let content = fs::read_to_string(&file).map_err(|e| format!("{}: {e}", file.display()))?;
+        Ok(shaderc::ResolvedInclude { resolved_name: file.display().to_string(), content })
+    });
+    compiler
+        .compile_into_spirv(&source, shaderc::ShaderKind::Compute, &path.display().to_string(), "main", Some(&options))
+        .map(|artifact| artifact.as_binary().to_vec())
+        .map_err(|e| format!("variant {}: {e}", contract.name))
+}

@@ -1,0 +1,101 @@
+//! Compares what a compiled shader declares with its contract.
+
+use crate::kernels::contract::{BindingType, Contract, FieldType};
+use spirq::ReflectConfig;
+use spirq::ty::{DescriptorType, ScalarType, Type};
+use spirq::var::Variable;
+
+/// Refuses a shader whose push constants, descriptors or specialisation constants are not those of the contract.
+///
+/// # Errors
+/// A message that names both sides.
+pub fn check(contract: &Contract, words: &[u32]) -> Result<(), String> {
+    let entry_points = ReflectConfig::new()
+        .spv(words.to_vec())
+        .ref_all_rscs(true)
+        .reflect()
+        .map_err(|e| format!("variant {}: reflection failed: {e}", contract.name))?;
+    let entry = entry_points.first().ok_or_else(|| format!("variant {}: no entry point", contract.name))?;
+
+    let (mut push, mut bindings, mut constants) = (Vec::new(), Vec::new(), Vec::new());
+    for variable in &entry.vars {
+        match variable {
+            Variable::PushConstant { ty, .. } => push.extend(members(ty)),
+            Variable::Descriptor { name, desc_bind, desc_ty, .. } => {
+                let name = name.clone().unwrap_or_default();
+                bindings.push((desc_bind.set(), desc_bind.bind(), describe(desc_ty), name));
+            }
+            Variable::SpecConstant { name, spec_id, .. } => {
+                constants.push((*spec_id, name.clone().unwrap_or_default()));
+            }
+            _ => {}
+        }
+    }
+    push.sort();
+    bindings.sort();
+    constants.sort();
+
+    let mut offset = 0;
+    let mut wanted_push = Vec::new();
+    for field in contract.push {
+        let ty = match field.ty {
+            FieldType::Address => "address",
+            FieldType::U32 => "uint",
+            FieldType::F32 => "float",
+        };
+        wanted_push.push((offset, ty.to_owned(), field.name.to_owned()));
+        offset += field.ty.size() as usize;
+    }
+    let binding = |ty| match ty {
+        BindingType::SampledImage => "sampled image",
+        BindingType::StorageImage => "storage image",
+    };
+    let wanted_bindings: Vec<_> = (0..)
+        .zip(contract.bindings)
+        .map(|(at, b)| (0, at, binding(b.ty).to_owned(), b.name.to_owned()))
+        .collect();
+    let wanted_constants: Vec<_> = (0..).zip(contract.constants).map(|(id, c)| (id, c.name.to_owned())).collect();
+    compare(contract, "push constants (offset, type, name)", &push, &wanted_push)?;
+    compare(contract, "descriptors (set, binding, type, name)", &bindings, &wanted_bindings)?;
+    compare(contract, "specialisation constants (id, name)", &constants, &wanted_constants)
+}
+
+fn compare<T: PartialEq + std::fmt::Debug>(
+    contract: &Contract,
+    what: &str,
+    shader: &[T],
+    wanted: &[T],
+) -> Result<(), String> {
+    if shader == wanted {
+        return Ok(());
+    }
+    Err(format!(
+        "variant {}: {what} differ:\n  glsl/{}: {shader:?}\n  src/kernels/contracts.rs: {wanted:?}",
+        contract.name, contract.source
+    ))
+}
+
+fn members(ty: &Type) -> Vec<(usize, String, String)> {
+    let Type::Struct(block) = ty else { return vec![(0, format!("{ty:?}"), String::new())] };
+    block
+        .members
+        .iter()
+        .map(|member| {
+            let ty = match &member.ty {
+                Type::DevicePointer(_) | Type::DeviceAddress(_) => "address".to_owned(),
+                Type::Scalar(ScalarType::Integer { bits: 32, is_signed: false }) => "uint".to_owned(),
+                Type::Scalar(ScalarType::Float { bits: 32, .. }) => "float".to_owned(),
+                other => format!("{other:?}"),
+            };
+            (member.offset.unwrap_or(usize::MAX), ty, member.name.clone().unwrap_or_default())
+        })
+        .collect()
+}
+
+fn describe(ty: &DescriptorType) -> String {
+    match ty {
+        DescriptorType::SampledImage() => "sampled image".to_owned(),
+        DescriptorType::StorageImage(_) => "storage image".to_owned(),
+        other => format!("{other:?}"),
+    }
+}

@@ -1,0 +1,62 @@
+// Depthwise 3x3 convolution, zero padding, bias, activation. An invocation computes 4x2 tokens of four channels.
+#version 460
+#extension GL_EXT_control_flow_attributes : require
+#include "shared/storage.glsl"
+#include "shared/tiles.glsl"
+#include "shared/epilogue.glsl"
+
+layout(local_size_x = 64) in;
+
+layout(push_constant) uniform Push {
+    Source src;
+    Target dst;
+    Weights weights;      // [bias | 9 taps], each of all channels
+    TileList tiles;       // with FLAG_TILE_LIST
+    uint width;
+    uint height;
+    uint src_stride;      // strides and channel counts in vectors of four
+    uint dst_stride;
+    uint channels;
+    uint tiles_x;
+    uint tile_count;
+    uint flags;
+};
+
+const int TX = 4;
+const int TY = 2;
+
+void main() {
+    uint slot = group_index();
+    uint channel = gl_WorkGroupID.y * 8u + gl_LocalInvocationID.x % 8u;
+    if (slot >= tile_count || channel >= channels) return;
+    uvec2 tile = tile_position(slot, tiles_x, flags, tiles);
+    uint run = gl_LocalInvocationID.x / 8u;
+    ivec2 base = ivec2(tile * 8u) + ivec2(run % 2u, run / 2u) * ivec2(TX, TY);
+
+    vec4 sums[TX * TY];
+    vec4 bias = weights.v[channel];
+    [[unroll]] for (int p = 0; p < TX * TY; ++p) sums[p] = bias;
+    vec4 taps[9];
+    [[unroll]] for (int t = 0; t < 9; ++t) taps[t] = weights.v[(t + 1) * channels + channel];
+
+    [[unroll]] for (int y = -1; y <= TY; ++y) {
+        int sy = base.y + y;
+        if (sy < 0 || sy >= int(height)) continue;
+        [[unroll]] for (int x = -1; x <= TX; ++x) {
+            int sx = base.x + x;
+            if (sx < 0 || sx >= int(width)) continue;
+            vec4 value = LOAD(src, uint(sy * int(width) + sx) * src_stride + channel);
+            [[unroll]] for (int ky = 0; ky < 3; ++ky) {
+                [[unroll]] for (int kx = 0; kx < 3; ++kx) {
+                    int py = y + 1 - ky;
+                    int px = x + 1 - kx;
+                    if (py >= 0 && py < TY && px >= 0 && px < TX) sums[py * TX + px] += taps[ky * 3 + kx] * value;
+                }
+            }
+        }
+    }
+    [[unroll]] for (int p = 0; p < TX * TY; ++p) {
+        uint pixel = uint((base.y + p / TX) * int(width) + base.x + p % TX);
+        STORE(dst, pixel * dst_stride + channel, activate(sums[p], flags));
+    }
+}

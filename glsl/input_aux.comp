@@ -1,0 +1,100 @@
+// Albedo, normal and depth to the network's seven auxiliary channels, padded by reflection.
+#version 460
+#include "shared/storage.glsl"
+#include "shared/tiles.glsl"
+#include "shared/planes.glsl"
+#include "shared/stats.glsl"
+#include "shared/input_grid.glsl"
+
+layout(local_size_x = 64) in;
+
+#ifdef IMAGES
+layout(set = 0, binding = 0) uniform texture2D albedo_image;
+layout(set = 0, binding = 1) uniform texture2D normal_image;
+layout(set = 0, binding = 2) uniform texture2D depth_image;
+#define PLANE Uints
+#else
+#define PLANE Plane
+#endif
+
+layout(push_constant) uniform Push {
+    PLANE albedo;
+    PLANE normal;
+    PLANE depth;
+    Stats stats;
+    Target dst;
+    TileList tiles;       // with FLAG_TILE_LIST
+    uint albedo_offset;
+    uint albedo_pixel;
+    uint albedo_row;
+    uint albedo_channel;
+    uint normal_offset;
+    uint normal_pixel;
+    uint normal_row;
+    uint normal_channel;
+    uint depth_offset;
+    uint depth_pixel;
+    uint depth_row;
+    uint width;
+    uint height;
+    uint dst_width;
+    uint tile_count;
+    uint flags;
+};
+
+#include "shared/read_depth.glsl"
+
+vec3 read_albedo(uvec2 at) {
+#ifdef IMAGES
+    return texelFetch(albedo_image, ivec2(at), 0).rgb;
+#else
+    bool half_floats = (flags & FLAG_ALBEDO_HALF) != 0u;
+    uint index = albedo_offset + at.y * albedo_row + at.x * albedo_pixel;
+    return vec3(
+        plane_sample(albedo, index, half_floats),
+        plane_sample(albedo, index + albedo_channel, half_floats),
+        plane_sample(albedo, index + 2u * albedo_channel, half_floats));
+#endif
+}
+
+vec3 read_normal(uvec2 at) {
+#ifdef IMAGES
+    return texelFetch(normal_image, ivec2(at), 0).rgb;
+#else
+    bool half_floats = (flags & FLAG_NORMAL_HALF) != 0u;
+    uint index = normal_offset + at.y * normal_row + at.x * normal_pixel;
+    return vec3(
+        plane_sample(normal, index, half_floats),
+        plane_sample(normal, index + normal_channel, half_floats),
+        plane_sample(normal, index + 2u * normal_channel, half_floats));
+#endif
+}
+
+// Finite values clamped to [0, 1]; others, as if missing, `otherwise`.
+float unit_or(float x, float otherwise) {
+    return is_finite(x) ? clamp(x, 0.0, 1.0) : otherwise;
+}
+
+void main() {
+    uint slot = group_index();
+    if (slot >= tile_count) return;
+    uvec2 to = tile_position(slot, dst_width / 8u, flags, tiles) * 8u;
+    to += uvec2(gl_LocalInvocationID.x % 8u, gl_LocalInvocationID.x / 8u);
+    uvec2 at = uvec2(reflect_index(to.x, width), reflect_index(to.y, height));
+
+    vec3 a = vec3(0.0);
+    if ((flags & FLAG_ALBEDO) != 0u) {
+        a = read_albedo(at);
+        a = vec3(unit_or(a.x, 0.0), unit_or(a.y, 0.0), unit_or(a.z, 0.0));
+    }
+    vec3 n = vec3(0.5);
+    if ((flags & FLAG_NORMAL) != 0u) {
+        n = read_normal(at) * 0.5 + 0.5;
+        n = vec3(unit_or(n.x, 0.5), unit_or(n.y, 0.5), unit_or(n.z, 0.5));
+    }
+    float d = 0.0;
+    if ((flags & FLAG_DEPTH) != 0u) d = min(read_depth(at) / stats.depth_scale, 1.0);
+    uint index = (to.y * dst_width + to.x) * 2u;
+    STORE(dst, index, vec4(a, n.x));
+    STORE(dst, index + 1u, vec4(n.yz, d, 0.0));
+}

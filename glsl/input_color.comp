@@ -1,0 +1,72 @@
+// Colour to the network's input: bad pixels mended, exposed, log1p, padded by reflection.
+#version 460
+#include "shared/storage.glsl"
+#include "shared/tiles.glsl"
+#include "shared/planes.glsl"
+#include "shared/stats.glsl"
+#include "shared/log_exp.glsl"
+#include "shared/input_grid.glsl"
+
+layout(local_size_x = 64) in;
+
+#ifdef IMAGES
+layout(set = 0, binding = 0) uniform texture2D color_image;
+#define PLANE Uints
+#else
+#define PLANE Plane
+#endif
+
+layout(push_constant) uniform Push {
+    PLANE color;
+    Stats stats;
+    Target dst;
+    TileList tiles;       // with FLAG_TILE_LIST
+    uint color_offset;
+    uint color_pixel;
+    uint color_row;
+    uint color_channel;
+    uint width;
+    uint height;
+    uint dst_width;
+    uint tiles_x;
+    uint tile_count;
+    uint flags;
+};
+
+#include "shared/read_color.glsl"
+
+bool is_good(vec3 radiance, float limit) {
+    return is_valid(radiance) && max(radiance.x, max(radiance.y, radiance.z)) <= limit;
+}
+
+const float MAX_EXPOSED = 65504.0;
+
+void main() {
+    uint slot = group_index();
+    if (slot >= tile_count) return;
+    uvec2 to = tile_position(slot, tiles_x, flags, tiles) * 8u;
+    to += uvec2(gl_LocalInvocationID.x % 8u, gl_LocalInvocationID.x / 8u);
+    uvec2 at = uvec2(reflect_index(to.x, width), reflect_index(to.y, height));
+
+    float limit = BAD_PIXEL * stats.key;
+    vec3 radiance = read_color(at);
+    if (!is_good(radiance, limit)) {
+        uvec2 first = max(at, uvec2(1u)) - 1u;
+        uvec2 last = min(at + 1u, uvec2(width, height) - 1u);
+        vec3 sum = vec3(0.0);
+        float count = 0.0;
+        for (uint y = first.y; y <= last.y; ++y) {
+            for (uint x = first.x; x <= last.x; ++x) {
+                vec3 neighbour = read_color(uvec2(x, y));
+                if (!is_good(neighbour, limit)) continue;
+                sum += neighbour * stats.exposure;       // exposed: eight large values may exceed a float
+                count += 1.0;
+            }
+        }
+        radiance = count > 0.0 ? sum / count : vec3(0.0);
+    } else {
+        radiance *= stats.exposure;
+    }
+    radiance = min(radiance, vec3(MAX_EXPOSED));
+    STORE(dst, to.y * dst_width + to.x, vec4(log1p(radiance.x), log1p(radiance.y), log1p(radiance.z), 0.0));
+}

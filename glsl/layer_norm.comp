@@ -1,0 +1,49 @@
+// Layer normalisation of every token over its channels: two passes over the token, mean first, so that a large common
+// value costs no accuracy.
+#version 460
+#include "shared/storage.glsl"
+#include "shared/tiles.glsl"
+
+layout(local_size_x = 64) in;
+
+layout(push_constant) uniform Push {
+    Source src;
+    Target dst;
+    Weights weights;      // [gain | bias]
+    TileList tiles;       // with FLAG_TILE_LIST
+    uint width;
+    uint src_stride;      // strides and channel counts in vectors of four
+    uint dst_stride;
+    uint channels;
+    uint tiles_x;
+    uint tile_count;
+    uint flags;
+    uint unused;
+};
+
+const float EPSILON = 1e-5;
+
+void main() {
+    uint slot = group_index();
+    if (slot >= tile_count) return;
+    uvec2 at = tile_position(slot, tiles_x, flags, tiles) * 8u;
+    at += uvec2(gl_LocalInvocationID.x % 8u, gl_LocalInvocationID.x / 8u);
+    uint pixel = at.y * width + at.x;
+    uint from = pixel * src_stride;
+
+    float inverse = 1.0 / float(4u * channels);
+    vec4 sum = vec4(0.0);
+    for (uint c = 0u; c < channels; ++c) sum += LOAD(src, from + c);
+    float mean = (sum.x + sum.y + sum.z + sum.w) * inverse;
+    vec4 squares = vec4(0.0);
+    for (uint c = 0u; c < channels; ++c) {
+        vec4 d = LOAD(src, from + c) - mean;
+        squares += d * d;
+    }
+    float variance = (squares.x + squares.y + squares.z + squares.w) * inverse;
+    float scale = 1.0 / sqrt(variance + EPSILON);
+    for (uint c = 0u; c < channels; ++c) {
+        vec4 value = (LOAD(src, from + c) - mean) * scale;
+        STORE(dst, pixel * dst_stride + c, value * weights.v[c] + weights.v[channels + c]);
+    }
+}

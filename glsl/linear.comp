@@ -1,0 +1,73 @@
+// Pointwise (1x1) convolution of one or two concatenated maps: act(film(W [a|b] + bias) + residual).
+#version 460
+#include "shared/storage.glsl"
+#include "shared/tiles.glsl"
+#include "shared/epilogue.glsl"
+const int PIXELS = TX * TY;
+#include "shared/microkernel.glsl"
+
+layout(local_size_x = 64) in;
+
+layout(push_constant) uniform Push {
+    Source src;
+    Source src_b;         // read where src_b_channels is not 0
+    Target dst;
+    Weights weights;      // [bias | packed weights]
+    Weights film;         // [gamma | beta] with FLAG_FILM
+    Source residual;      // with FLAG_RESIDUAL
+    TileList tiles;       // with FLAG_TILE_LIST
+    uint src_stride;      // strides and channel counts in vectors of four
+    uint src_channels;
+    uint src_b_stride;
+    uint src_b_channels;
+    uint width;
+    uint dst_stride;
+    uint dst_channels;
+    uint residual_stride;
+    uint bias_vectors;
+    uint tiles_x;
+    uint tile_count;
+    uint flags;
+};
+
+const uint LANES_X = 8 / TX;
+const uint LANES = 64 / PIXELS;
+
+vec4 activations[PIXELS];
+
+void main() {
+    uint slot = group_index() * (64u / LANES) + gl_LocalInvocationID.x / LANES;
+    bool live = slot < tile_count;
+    uvec2 tile = tile_position(min(slot, tile_count - 1u), tiles_x, flags, tiles);
+    uint lane = gl_LocalInvocationID.x % LANES;
+    uvec2 base = tile * 8u + uvec2(lane % LANES_X, lane / LANES_X) * uvec2(TX, TY);
+    uint tile_n = gl_WorkGroupID.y;
+
+    clear_accumulators(weights, tile_n);
+    uint block_base = bias_vectors + tile_n * (src_channels + src_b_channels) * BLOCK;
+    uint pixels[PIXELS];
+    [[unroll]] for (int p = 0; p < PIXELS; ++p) pixels[p] = (base.y + p / TX) * width + base.x + p % TX;
+#define ACTIVATION(p) activations[p]
+    for (uint k = 0u; k < src_channels + src_b_channels; ++k) {
+        bool second = k >= src_channels;
+        uint stride = second ? src_b_stride : src_stride;
+        uint channel = second ? k - src_channels : k;
+        Source source = src;
+        if (second) source = src_b;
+        [[unroll]] for (int p = 0; p < PIXELS; ++p) activations[p] = LOAD(source, pixels[p] * stride + channel);
+        MULTIPLY_ADD(weights, block_base, ACTIVATION)
+        block_base += BLOCK;
+    }
+    if (!live) return;
+
+    [[unroll]] for (int p = 0; p < PIXELS; ++p) {
+        [[unroll]] for (int n = 0; n < NV; ++n) {
+            uint channel = tile_n * NV + n;
+            if (channel >= dst_channels) continue;
+            vec4 value = accumulators[p * NV + n];
+            if ((flags & FLAG_FILM) != 0u) value = film.v[channel] * value + film.v[dst_channels + channel];
+            if ((flags & FLAG_RESIDUAL) != 0u) value += LOAD(residual, pixels[p] * residual_stride + channel);
+            STORE(dst, pixels[p] * dst_stride + channel, activate(value, flags));
+        }
+    }
+}

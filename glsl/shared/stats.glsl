@@ -1,0 +1,14 @@
+// Statistics of the frame.
+layout(buffer_reference, std430, buffer_reference_align = 4) buffer Stats {
+    float median;         // luminance of the median lit pixel; 0 where there is none
+    float depth_scale;
+    float key;
+    float exposure;
+};
+
+const uint BINS = 32768u;
+const float NO_LIGHT = -1e31;            // log-luminance of a tile without light
+// Of the median: what a pixel may add to its tile, and the least a tile counts for.
+const float TILE_CAP = 64.0;
+const float TILE_FLOOR = 1.0 / 1024.0;
+const float BAD_PIXEL = 1e8;             // times the key

@@ -1,0 +1,17 @@
+// Zeroes the histograms.
+#version 460
+#include "shared/storage.glsl"
+#include "shared/tiles.glsl"
+
+layout(local_size_x = 256) in;
+
+layout(push_constant) uniform Push {
+    Uints histograms;
+    uint count;
+    uint unused;
+};
+
+void main() {
+    uint index = group_index() * 256u + gl_LocalInvocationID.x;
+    if (index < count) histograms.v[index] = 0u;
+}

@@ -1,0 +1,50 @@
+// Histograms of luminance and depth by the upper 16 bits of the float. Integer counts: any order gives the same bits.
+#version 460
+#include "shared/storage.glsl"
+#include "shared/tiles.glsl"
+#include "shared/planes.glsl"
+#include "shared/stats.glsl"
+
+layout(local_size_x = 64) in;
+
+#ifdef IMAGES
+layout(set = 0, binding = 0) uniform texture2D color_image;
+layout(set = 0, binding = 1) uniform texture2D depth_image;
+#define PLANE Uints
+#else
+#define PLANE Plane
+#endif
+
+layout(push_constant) uniform Push {
+    PLANE color;
+    PLANE depth;
+    Uints histograms;
+    uint color_offset;
+    uint color_pixel;
+    uint color_row;
+    uint color_channel;
+    uint depth_offset;
+    uint depth_pixel;
+    uint depth_row;
+    uint width;
+    uint height;
+    uint flags;
+};
+
+#include "shared/read_color.glsl"
+#include "shared/read_depth.glsl"
+
+void main() {
+    uint index = group_index() * 64u + gl_LocalInvocationID.x;
+    if (index >= width * height) return;
+    uvec2 at = uvec2(index % width, index / width);
+    vec3 radiance = read_color(at);
+    if (is_valid(radiance)) {
+        float l = luminance(radiance);
+        if (l > 0.0) atomicAdd(histograms.v[floatBitsToUint(l) >> 16], 1u);
+    }
+    if ((flags & FLAG_DEPTH) != 0u) {
+        float d = read_depth(at);
+        if (d > 0.0) atomicAdd(histograms.v[BINS + (floatBitsToUint(d) >> 16)], 1u);
+    }
+}

@@ -1,0 +1,182 @@
+//! The public face: a denoiser, its options, and the host path.
+
+use crate::engine::Engine;
+use crate::error::{Error, Result};
+use crate::frame::{Extent, Features, Frame, PlaneMut, check_in_place};
+use crate::host::HostPass;
+use crate::net::weights::Weights;
+use crate::pass::{FrameOptions, Pass};
+use crate::vk::device::Device;
+use std::fmt;
+use std::str::FromStr;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// Arithmetic and storage of the network.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Precision {
+    /// The best for the device.
+    #[default]
+    Auto,
+    /// 32-bit floats throughout.
+    F32,
+}
+
+impl FromStr for Precision {
+    type Err = Error;
+
+    /// `auto` or `fp32`.
+    fn from_str(text: &str) -> Result<Self> {
+        match text {
+            "auto" => Ok(Self::Auto),
+            "fp32" => Ok(Self::F32),
+            other => Err(Error::InvalidOption {
+                option: "precision",
+                reason: format!("'{other}'; it can be auto or fp32"),
+            }),
+        }
+    }
+}
+
+impl fmt::Display for Precision {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Auto => "auto",
+            Self::F32 => "fp32",
+        })
+    }
+}
+
+/// The factor on the colour before the network's logarithm; undone at the end.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Exposure {
+    /// From the frame itself: 0.18 over its key ([`crate::kernels::stats`]).
+    #[default]
+    Auto,
+    /// Given by the caller, a normal number above 0. One factor for all frames of a sequence keeps them from flickering:
+    /// take [`Report::exposure`] of the first.
+    Fixed(f32),
+}
+
+/// How a denoiser works.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Options {
+    /// Arithmetic and storage.
+    pub precision: Precision,
+    /// Exposure of the host path.
+    pub exposure: Exposure,
+    /// Share of the noisy colour in the host path's result, 0 (all denoised) to 1 (all noisy).
+    pub blend: f32,
+}
+
+/// What one call of the host path did.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Report {
+    /// The factor on the colour that was used.
+    pub exposure: f32,
+    /// Milliseconds of the device, by timestamps around the pass; `None` where its queue has none.
+    pub gpu_ms: Option<f64>,
+    /// Milliseconds of the whole call on the host: copies, device, wait. The first call of a size also plans, allocates
+    /// and compiles.
+    pub total_ms: f64,
+    /// Device memory of arena, weights and staging, in bytes.
+    pub device_bytes: u64,
+}
+
+/// A network on a device. `Send` and `Sync`; its host path takes `&mut self`.
+pub struct Denoiser {
+    engine: Arc<Engine>,
+    options: FrameOptions,
+    host: Option<HostPass>,
+}
+
+impl fmt::Debug for Denoiser {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        let Self { engine, options, .. } = self;
+        let arch = &engine.graph.arch.name;
+        f.debug_struct("Denoiser").field("arch", arch).field("options", options).finish_non_exhaustive()
+    }
+}
+
+impl Denoiser {
+    /// Puts the network on the device. Nothing that depends on a frame's size is made yet.
+    ///
+    /// # Errors
+    /// [`Error::Weights`], [`Error::InvalidOption`], [`Error::OutOfMemory`], [`Error::Vulkan`].
+    pub fn new(device: &Device, weights: &Weights, options: &Options) -> Result<Self> {
+        let frame = FrameOptions { exposure: options.exposure, blend: options.blend };
+        frame.check()?;
+        Ok(Self { engine: Arc::new(Engine::new(device, weights)?), options: frame, host: None })
+    }
+
+    /// Sets the host path's exposure.
+    ///
+    /// # Errors
+    /// [`Error::InvalidOption`]; the exposure then stays as it was.
+    pub fn set_exposure(&mut self, exposure: Exposure) -> Result<()> {
+        let options = FrameOptions { exposure, ..self.options };
+        options.check()?;
+        self.options = options;
+        Ok(())
+    }
+
+    /// The precision in use: `fp32`.
+    pub fn precision(&self) -> Precision {
+        Precision::F32
+    }
+
+    /// The device.
+    pub fn device(&self) -> &Device {
+        &self.engine.device
+    }
+
+    /// Prepares the pass of a frame size for a renderer: plans it and allocates its arena.
+    ///
+    /// # Errors
+    /// [`Error::EmptyFrame`], [`Error::FrameTooLarge`], [`Error::OutOfMemory`], [`Error::Vulkan`].
+    pub fn pass(&self, extent: Extent) -> Result<Pass> {
+        Pass::new(&self.engine, extent)
+    }
+
+    /// Denoises a frame in host memory and waits for the result. What a size needs is kept for the next call.
+    ///
+    /// # Errors
+    /// [`Error::EmptyFrame`], [`Error::PlaneMismatch`], [`Error::FrameTooLarge`], [`Error::OutOfMemory`],
+    /// [`Error::DeviceLost`], [`Error::Vulkan`]; [`Error::Binding`] on a renderer's device, which has no queue of ours.
+    /// The output is untouched then.
+    pub fn denoise(&mut self, frame: &Frame, mut output: PlaneMut) -> Result<Report> {
+        frame.check()?;
+        output.check("output", frame.extent, 3)?;
+        let started = Instant::now();
+        let (pass, options) = self.host_pass(frame.extent)?;
+        pass.write_color(|extent, packed| frame.color.pack(extent, 3, packed));
+        let report = pass.run(&frame.features, &options, started)?;
+        pass.read(&mut output);
+        Ok(report)
+    }
+
+    /// The same, with the result in the place of the colour.
+    ///
+    /// # Errors
+    /// As [`Denoiser::denoise`].
+    pub fn denoise_in_place(&mut self, extent: Extent, mut color: PlaneMut, features: &Features) -> Result<Report> {
+        check_in_place(extent, &color, features)?;
+        let started = Instant::now();
+        let (pass, options) = self.host_pass(extent)?;
+        pass.write_color(|extent, packed| color.pack(extent, 3, packed));
+        let report = pass.run(features, &options, started)?;
+        pass.read(&mut color);
+        Ok(report)
+    }
+
+    /// The host path of a size: the last one if it fits.
+    fn host_pass(&mut self, extent: Extent) -> Result<(&mut HostPass, FrameOptions)> {
+        let fits = self.host.take().filter(|pass| pass.extent() == extent);
+        // The old one is gone before the new one is allocated: both may not fit.
+        let pass = match fits {
+            Some(pass) => pass,
+            None => HostPass::new(&self.engine, extent)?,
+        };
+        Ok((self.host.insert(pass), self.options))
+    }
+}

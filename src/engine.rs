@@ -1,0 +1,82 @@
+//! What all passes of a denoiser share: the network, its packed weights on the device, the pipelines.
+
+use crate::error::Result;
+use crate::frame::Extent;
+use crate::kernels::Variants;
+use crate::net::graph::Graph;
+use crate::net::weights::{ExposureRule, Weights, WeightsError};
+use crate::plan::{Place, Plan, PlanOptions, plan};
+use crate::record::Pipelines;
+use crate::vk::caps::DeviceKind;
+use crate::vk::device::Device;
+use crate::vk::memory::Buffer;
+use gpu_allocator::MemoryLocation;
+
+/// Largest block of an arena, whatever the device allows: beyond it some drivers' allocations grow unreliable.
+const MAX_BLOCK_BYTES: u64 = 4 << 30;
+
+/// Smallest subgroup in which the broadcasting kernels work.
+const BROADCAST_SUBGROUP: u32 = 8;
+
+pub(crate) struct Engine {
+    pub device: Device,
+    pub graph: Graph,
+    pub pipelines: Pipelines,
+    pub weights: Buffer,
+    pub exposure_rule: ExposureRule,
+    /// Whether dense kernels hand weights round in the subgroup.
+    pub broadcast: bool,
+}
+
+impl Engine {
+    pub fn new(device: &Device, weights: &Weights) -> Result<Self> {
+        let graph = Graph::new(weights.arch()).map_err(WeightsError::from)?;
+        // The packing is the same at every size.
+        let smallest = plan(&graph, Extent::new(1, 1), &PlanOptions { max_block_bytes: u64::MAX, keep_all: false })?;
+        Ok(Self {
+            weights: upload(device, &smallest, weights)?,
+            pipelines: Pipelines::new(device),
+            device: device.clone(),
+            graph,
+            exposure_rule: weights.preprocessing().exposure,
+            broadcast: prefers_broadcast(device),
+        })
+    }
+
+    /// The plan of a frame size on this device.
+    pub fn plan(&self, extent: Extent) -> Result<Plan> {
+        let max_block_bytes = self.device.caps().max_buffer_bytes.min(MAX_BLOCK_BYTES);
+        plan(&self.graph, extent, &PlanOptions { max_block_bytes, keep_all: false })
+    }
+
+    /// The kernels that this device prefers, for a frame in buffers.
+    pub fn variants(&self) -> Variants {
+        Variants { broadcast: self.broadcast, images: false, output_half: false }
+    }
+}
+
+/// On CPU drivers a load costs more than the arithmetic it feeds (measured on lavapipe), so lanes share weights.
+pub(crate) fn prefers_broadcast(device: &Device) -> bool {
+    device.caps().kind == DeviceKind::Cpu && can_broadcast(device)
+}
+
+/// Whether the broadcasting kernels run on the device at all.
+pub(crate) fn can_broadcast(device: &Device) -> bool {
+    device.caps().subgroup_ballot && device.caps().subgroup_size >= BROADCAST_SUBGROUP
+}
+
+/// Packs the weights into device memory that the host can write, so that a renderer's queue is not needed.
+fn upload(device: &Device, plan: &Plan, weights: &Weights) -> Result<Buffer> {
+    let mut buffer = Buffer::new(device, "weights", plan.weights_bytes, MemoryLocation::CpuToGpu)?;
+    let bytes = buffer.bytes_mut();
+    bytes.fill(0);
+    for planned in &plan.buffers {
+        if let Place::Weights { pack, offset } = &planned.place {
+            let mut packed = vec![0.0; pack.len()];
+            pack.write(weights, &mut packed)?;
+            let start = *offset as usize;
+            bytes[start..start + 4 * packed.len()].copy_from_slice(bytemuck::cast_slice(&packed));
+        }
+    }
+    Ok(buffer)
+}

@@ -1,0 +1,267 @@
+//! What the caller hands in: planes of samples in host memory, checked once against the frame's size.
+
+use crate::error::{Error, Result};
+use half::f16;
+
+/// A frame's size in pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Extent {
+    /// Pixels in x, at least 1.
+    pub width: u32,
+    /// Pixels in y, at least 1.
+    pub height: u32,
+}
+
+impl Extent {
+    /// A size of `width` x `height` pixels.
+    pub const fn new(width: u32, height: u32) -> Self {
+        Self { width, height }
+    }
+
+    /// Number of pixels.
+    pub const fn pixels(self) -> u64 {
+        self.width as u64 * self.height as u64
+    }
+
+    /// Checks that neither side is zero.
+    ///
+    /// # Errors
+    /// [`Error::EmptyFrame`].
+    pub fn check(self) -> Result<()> {
+        if self.width == 0 || self.height == 0 {
+            return Err(Error::EmptyFrame { width: self.width, height: self.height });
+        }
+        Ok(())
+    }
+}
+
+/// Where the samples of a plane lie, counted in samples (not bytes) of the plane's own type.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Layout {
+    /// Index of the first channel of pixel (0, 0).
+    pub offset: usize,
+    /// Distance from a pixel to its right neighbour.
+    pub pixel_stride: usize,
+    /// Distance from a pixel to the one below it.
+    pub row_stride: usize,
+    /// Distance from a channel to the next of the same pixel. Not used by planes of one channel.
+    pub channel_stride: usize,
+}
+
+impl Layout {
+    /// Pixels one after another, channels side by side: `RGBRGB...`.
+    pub const fn interleaved(extent: Extent, channels: usize) -> Self {
+        Self { offset: 0, pixel_stride: channels, row_stride: channels * extent.width as usize, channel_stride: 1 }
+    }
+
+    /// One full plane per channel: `RR... GG... BB...`.
+    pub const fn planar(extent: Extent) -> Self {
+        let row = extent.width as usize;
+        Self { offset: 0, pixel_stride: 1, row_stride: row, channel_stride: row * extent.height as usize }
+    }
+
+    /// Index of a sample. The caller has checked the layout with [`Layout::check`].
+    pub(crate) const fn index(&self, x: usize, y: usize, channel: usize) -> usize {
+        self.offset + y * self.row_stride + x * self.pixel_stride + channel * self.channel_stride
+    }
+
+    /// Checks that the last sample of a frame lies within `len` samples.
+    pub(crate) fn check(&self, plane: &'static str, extent: Extent, channels: usize, len: u64) -> Result<()> {
+        let last = (|| {
+            let x = (extent.width as u64 - 1).checked_mul(self.pixel_stride as u64)?;
+            let y = (extent.height as u64 - 1).checked_mul(self.row_stride as u64)?;
+            let c = (channels as u64 - 1).checked_mul(self.channel_stride as u64)?;
+            (self.offset as u64).checked_add(x)?.checked_add(y)?.checked_add(c)
+        })();
+        match last {
+            Some(last) if last < len => Ok(()),
+            _ => Err(Error::PlaneMismatch {
+                plane,
+                reason: format!(
+                    "{} x {} pixels of {channels} channel(s) with {self:?} reach sample {}, but there are only {len}",
+                    extent.width,
+                    extent.height,
+                    last.map_or("2^64 or beyond".into(), |l| l.to_string()),
+                ),
+            }),
+        }
+    }
+}
+
+/// Samples to read, in 32- or 16-bit floats.
+#[derive(Clone, Copy, Debug)]
+pub enum Samples<'a> {
+    /// 32-bit floats.
+    F32(&'a [f32]),
+    /// 16-bit floats.
+    F16(&'a [f16]),
+}
+
+impl Samples<'_> {
+    fn len(&self) -> u64 {
+        match self {
+            Self::F32(s) => s.len() as u64,
+            Self::F16(s) => s.len() as u64,
+        }
+    }
+
+    fn get(&self, index: usize) -> f32 {
+        match self {
+            Self::F32(s) => s[index],
+            Self::F16(s) => s[index].to_f32(),
+        }
+    }
+}
+
+/// Samples to write, in 32- or 16-bit floats.
+#[derive(Debug)]
+pub enum SamplesMut<'a> {
+    /// 32-bit floats.
+    F32(&'a mut [f32]),
+    /// 16-bit floats.
+    F16(&'a mut [f16]),
+}
+
+/// A plane to read: three channels (colour, albedo, normal) or one (depth).
+#[derive(Clone, Copy, Debug)]
+pub struct Plane<'a> {
+    /// The samples.
+    pub samples: Samples<'a>,
+    /// Where they lie.
+    pub layout: Layout,
+}
+
+impl<'a> Plane<'a> {
+    /// 32-bit samples in the given layout.
+    pub const fn f32(samples: &'a [f32], layout: Layout) -> Self {
+        Self { samples: Samples::F32(samples), layout }
+    }
+
+    /// 16-bit samples in the given layout.
+    pub const fn f16(samples: &'a [f16], layout: Layout) -> Self {
+        Self { samples: Samples::F16(samples), layout }
+    }
+
+    fn check(&self, plane: &'static str, extent: Extent, channels: usize) -> Result<()> {
+        self.layout.check(plane, extent, channels, self.samples.len())
+    }
+
+    /// Copies the plane into interleaved 32-bit floats.
+    pub(crate) fn pack(&self, extent: Extent, channels: usize, out: &mut [f32]) {
+        pack(&self.samples, &self.layout, extent, channels, out);
+    }
+}
+
+/// A plane to write, of three channels.
+#[derive(Debug)]
+pub struct PlaneMut<'a> {
+    /// The samples.
+    pub samples: SamplesMut<'a>,
+    /// Where they lie.
+    pub layout: Layout,
+}
+
+impl<'a> PlaneMut<'a> {
+    /// 32-bit samples in the given layout.
+    pub const fn f32(samples: &'a mut [f32], layout: Layout) -> Self {
+        Self { samples: SamplesMut::F32(samples), layout }
+    }
+
+    /// 16-bit samples in the given layout. Values are clamped to 65504, the largest half.
+    pub const fn f16(samples: &'a mut [f16], layout: Layout) -> Self {
+        Self { samples: SamplesMut::F16(samples), layout }
+    }
+
+    fn as_samples(&self) -> Samples<'_> {
+        match &self.samples {
+            SamplesMut::F32(s) => Samples::F32(s),
+            SamplesMut::F16(s) => Samples::F16(s),
+        }
+    }
+
+    pub(crate) fn check(&self, plane: &'static str, extent: Extent, channels: usize) -> Result<()> {
+        self.layout.check(plane, extent, channels, self.as_samples().len())
+    }
+
+    /// Copies the plane, read as an input, into interleaved 32-bit floats.
+    pub(crate) fn pack(&self, extent: Extent, channels: usize, out: &mut [f32]) {
+        pack(&self.as_samples(), &self.layout, extent, channels, out);
+    }
+
+    /// Writes interleaved 32-bit floats into the plane. Samples between the pixels stay as they are.
+    pub(crate) fn unpack(&mut self, extent: Extent, channels: usize, values: &[f32]) {
+        let layout = self.layout;
+        let mut values = values.iter();
+        for y in 0..extent.height as usize {
+            for x in 0..extent.width as usize {
+                for c in 0..channels {
+                    let (index, value) = (layout.index(x, y, c), values.next().copied().unwrap_or(0.0));
+                    match &mut self.samples {
+                        SamplesMut::F32(s) => s[index] = value,
+                        SamplesMut::F16(s) => s[index] = f16::from_f32(value.min(f16::MAX.to_f32())),
+                    }
+                }
+            }
+        }
+    }
+}
+
+fn pack(samples: &Samples, layout: &Layout, extent: Extent, channels: usize, out: &mut [f32]) {
+    let mut out = out.iter_mut();
+    for y in 0..extent.height as usize {
+        for x in 0..extent.width as usize {
+            for (c, value) in out.by_ref().take(channels).enumerate() {
+                *value = samples.get(layout.index(x, y, c));
+            }
+        }
+    }
+}
+
+/// The optional auxiliary features of a frame (its G-buffer). Each that is missing costs some quality.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct Features<'a> {
+    /// Albedo: three channels, used in [0, 1].
+    pub albedo: Option<Plane<'a>>,
+    /// Shading normal: three channels in [-1, 1], in world or camera space.
+    pub normal: Option<Plane<'a>>,
+    /// Depth: one channel, any unit, larger is farther; 0, negative, non-finite or at least 1e9 is background.
+    pub depth: Option<Plane<'a>>,
+}
+
+impl Features<'_> {
+    fn check(&self, extent: Extent) -> Result<()> {
+        self.albedo.as_ref().map_or(Ok(()), |p| p.check("albedo", extent, 3))?;
+        self.normal.as_ref().map_or(Ok(()), |p| p.check("normal", extent, 3))?;
+        self.depth.as_ref().map_or(Ok(()), |p| p.check("depth", extent, 1))
+    }
+}
+
+/// A noisy frame in host memory.
+#[derive(Clone, Copy, Debug)]
+pub struct Frame<'a> {
+    /// Size in pixels.
+    pub extent: Extent,
+    /// Colour: three channels of linear radiance (HDR). Non-finite and negative pixels are allowed and mended.
+    pub color: Plane<'a>,
+    /// Auxiliary features.
+    pub features: Features<'a>,
+}
+
+impl Frame<'_> {
+    /// Checks every plane against the extent.
+    ///
+    /// # Errors
+    /// [`Error::EmptyFrame`], [`Error::PlaneMismatch`].
+    pub fn check(&self) -> Result<()> {
+        self.extent.check()?;
+        self.color.check("colour", self.extent, 3)?;
+        self.features.check(self.extent)
+    }
+}
+
+/// Checks the features that come with a colour plane which is both input and output.
+pub(crate) fn check_in_place(extent: Extent, color: &PlaneMut, features: &Features) -> Result<()> {
+    extent.check()?;
+    color.check("colour", extent, 3)?;
+    features.check(extent)
+}

@@ -1,0 +1,177 @@
+//! The host path: planes in host memory, a command buffer of our own, a wait.
+
+use crate::denoiser::Report;
+use crate::engine::Engine;
+use crate::error::{Error, Result};
+use crate::frame::{Extent, Features, Layout, Plane, PlaneMut};
+use crate::kernels::stats::STATS_FLOATS;
+use crate::pass::{Binding, FrameOptions, Pass};
+use crate::renderer::{BufferFrame, BufferPlane, SampleFormat};
+use crate::vk::memory::Buffer;
+use crate::vk::submit::Submission;
+use ash::vk;
+use gpu_allocator::MemoryLocation;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// Floats of a pixel in the staging buffer: colour, albedo, normal, depth, each plane by itself.
+const INPUT_FLOATS: u64 = 10;
+const OUTPUT_FLOATS: u64 = 3;
+
+/// Which features a frame has: albedo, normal, depth.
+type Present = [bool; 3];
+
+/// A pass with its staging memory and its recording.
+pub(crate) struct HostPass {
+    // Fields drop in this order: the recording before what it uses.
+    submission: Submission,
+    binding: Option<(Present, Binding)>,
+    /// What the command buffer holds now; it is recorded again only when this changes.
+    recorded: Option<(Present, FrameOptions)>,
+    pass: Pass,
+    input: Buffer,
+    /// The denoised plane, then the frame's statistics.
+    output: Buffer,
+    engine: Arc<Engine>,
+}
+
+impl HostPass {
+    pub fn new(engine: &Arc<Engine>, extent: Extent) -> Result<Self> {
+        let device = &engine.device;
+        if device.queue().is_none() {
+            return Err(Error::Binding(
+                "the device is a renderer's, without a queue of ours: use Denoiser::pass and record".into(),
+            ));
+        }
+        let pixels = extent.pixels();
+        let output_bytes = pixels * OUTPUT_FLOATS * 4 + STATS_FLOATS * 4;
+        Ok(Self {
+            pass: Pass::new(engine, extent)?,
+            input: Buffer::new(device, "input planes", pixels * INPUT_FLOATS * 4, MemoryLocation::CpuToGpu)?,
+            output: Buffer::new(device, "output plane", output_bytes, MemoryLocation::GpuToCpu)?,
+            submission: Submission::new(device)?,
+            binding: None,
+            recorded: None,
+            engine: Arc::clone(engine),
+        })
+    }
+
+    pub fn extent(&self) -> Extent {
+        self.pass.plan().extent
+    }
+
+    /// Fills the staged colour: `pack` writes interleaved RGB.
+    pub fn write_color(&mut self, pack: impl FnOnce(Extent, &mut [f32])) {
+        let extent = self.extent();
+        pack(extent, &mut self.floats()[..3 * extent.pixels() as usize]);
+    }
+
+    /// Stages the features, runs the pass and waits.
+    pub fn run(&mut self, features: &Features, options: &FrameOptions, started: Instant) -> Result<Report> {
+        let extent = self.extent();
+        let pixels = extent.pixels() as usize;
+        let planes = [(&features.albedo, 3, 3), (&features.normal, 6, 3), (&features.depth, 9, 1)];
+        for (plane, first, channels) in planes {
+            let staged = &mut self.floats()[first * pixels..][..channels * pixels];
+            plane.as_ref().map(|plane: &Plane| plane.pack(extent, channels, staged)).unwrap_or_default();
+        }
+        let present = planes.map(|(plane, ..)| plane.is_some());
+        if self.recorded != Some((present, *options)) {
+            self.record(present, options)?;
+        }
+        let gpu_ms = self.submission.run()?;
+        let stats = &bytemuck::cast_slice::<u8, f32>(self.output.bytes())[OUTPUT_FLOATS as usize * pixels..];
+        Ok(Report {
+            exposure: stats.get(3).copied().unwrap_or(f32::NAN),
+            gpu_ms,
+            total_ms: started.elapsed().as_secs_f64() * 1e3,
+            device_bytes: self.engine.device.memory_bytes(),
+        })
+    }
+
+    /// Writes the result to the caller's plane.
+    pub fn read(&self, output: &mut PlaneMut) {
+        let extent = self.extent();
+        output.unpack(extent, 3, bytemuck::cast_slice(&self.output.bytes()[..12 * extent.pixels() as usize]));
+    }
+
+    fn floats(&mut self) -> &mut [f32] {
+        bytemuck::cast_slice_mut(self.input.bytes_mut())
+    }
+
+    fn bind(&self, [albedo, normal, depth]: Present) -> Result<Binding> {
+        let extent = self.extent();
+        let plane = |buffer: &Buffer, size, first: u64, channels| BufferPlane {
+            buffer: buffer.raw(),
+            size,
+            format: SampleFormat::F32,
+            layout: Layout {
+                offset: (first * extent.pixels()) as usize,
+                ..Layout::interleaved(extent, channels)
+            },
+        };
+        let input_bytes = extent.pixels() * INPUT_FLOATS * 4;
+        let input = |first, channels| plane(&self.input, input_bytes, first, channels);
+        let frame = BufferFrame {
+            color: input(0, 3),
+            albedo: albedo.then(|| input(3, 3)),
+            normal: normal.then(|| input(6, 3)),
+            depth: depth.then(|| input(9, 1)),
+            output: plane(&self.output, extent.pixels() * OUTPUT_FLOATS * 4, 0, 3),
+        };
+        // SAFETY: the buffers are our own and as described.
+        unsafe { self.pass.bind_buffers(&frame) }
+    }
+
+    fn record(&mut self, present: Present, options: &FrameOptions) -> Result<()> {
+        let bound = match self.binding.take() {
+            Some((had, binding)) if had == present => binding,
+            _ => self.bind(present)?,
+        };
+        self.recorded = None;
+        let (stats, stats_offset, stats_bytes) = self.pass.location(self.pass.plan().stats);
+        let copy = [vk::BufferCopy {
+            src_offset: stats_offset,
+            dst_offset: self.extent().pixels() * OUTPUT_FLOATS * 4,
+            size: stats_bytes,
+        }];
+        let Self { submission, pass, output, engine, .. } = self;
+        let device = engine.device.raw();
+        submission.record(|commands| {
+            let barrier = |from, from_access, to, to_access| {
+                let barrier = [vk::MemoryBarrier::default().src_access_mask(from_access).dst_access_mask(to_access)];
+                // SAFETY: the command buffer is recording and ours.
+                unsafe {
+                    device.cmd_pipeline_barrier(
+                        commands,
+                        from,
+                        to,
+                        vk::DependencyFlags::empty(),
+                        &barrier,
+                        &[],
+                        &[],
+                    );
+                }
+            };
+            let compute = vk::PipelineStageFlags::COMPUTE_SHADER;
+            let transfer = vk::PipelineStageFlags::TRANSFER;
+            // The last run's copy of the statistics, before this run overwrites them.
+            barrier(transfer, vk::AccessFlags::TRANSFER_READ, compute, vk::AccessFlags::SHADER_WRITE);
+            // SAFETY: everything bound lives in `self`, and `Submission::run` waits.
+            unsafe { pass.record(commands, &bound, options)? };
+            barrier(compute, vk::AccessFlags::SHADER_WRITE, transfer, vk::AccessFlags::TRANSFER_READ);
+            // SAFETY: both ranges lie in live buffers of ours.
+            unsafe { device.cmd_copy_buffer(commands, stats, output.raw(), &copy) };
+            barrier(
+                compute | transfer,
+                vk::AccessFlags::SHADER_WRITE | vk::AccessFlags::TRANSFER_WRITE,
+                vk::PipelineStageFlags::HOST,
+                vk::AccessFlags::HOST_READ,
+            );
+            Ok(())
+        })?;
+        self.binding = Some((present, bound));
+        self.recorded = Some((present, *options));
+        Ok(())
+    }
+}

@@ -1,0 +1,123 @@
+//! The binding contract of a kernel: what its shader must declare, written once and checked by `build.rs`
+//! against the compiled SPIR-V.
+
+/// Type of a push constant.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum FieldType {
+    /// A buffer's device address, 8 bytes.
+    Address,
+    /// 32-bit unsigned integer.
+    U32,
+    /// 32-bit float.
+    F32,
+}
+
+impl FieldType {
+    /// Size in bytes.
+    pub const fn size(self) -> u32 {
+        match self {
+            Self::Address => 8,
+            Self::U32 | Self::F32 => 4,
+        }
+    }
+}
+
+/// One member of a push-constant block, in declaration order.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Field {
+    /// Name, the same in Rust and GLSL.
+    pub name: &'static str,
+    /// Type.
+    pub ty: FieldType,
+}
+
+/// What a descriptor binding of set 0 holds. Buffers are not bound: they come as device addresses.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum BindingType {
+    /// `texture2D`, read with `texelFetch`.
+    SampledImage,
+    /// `image2D`, written.
+    StorageImage,
+}
+
+/// One descriptor of set 0; its binding number is its position.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Binding {
+    /// Name, the same in Rust and GLSL.
+    pub name: &'static str,
+    /// Type.
+    pub ty: BindingType,
+}
+
+/// A specialisation constant; its id is its position.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Constant {
+    /// Name, the same in Rust and GLSL.
+    pub name: &'static str,
+}
+
+/// One compiled variant of a kernel.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Contract {
+    /// Unique name of the variant, e.g. `conv3x3_s2`.
+    pub name: &'static str,
+    /// File in `glsl/`.
+    pub source: &'static str,
+    /// Preprocessor definitions that make this variant of the source.
+    pub defines: &'static [(&'static str, &'static str)],
+    /// The push-constant block.
+    pub push: &'static [Field],
+    /// The descriptors of set 0.
+    pub bindings: &'static [Binding],
+    /// The specialisation constants.
+    pub constants: &'static [Constant],
+    /// Device features beyond the portable set that the variant needs.
+    pub needs: &'static [Need],
+}
+
+/// An optional device feature that a variant needs.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Need {
+    /// `subgroupBroadcast` in compute shaders, at least 8 invocations a subgroup.
+    SubgroupBroadcast8,
+    /// `storageBuffer16BitAccess`.
+    Storage16,
+}
+
+impl Contract {
+    /// Size of the push-constant block in bytes.
+    pub const fn push_size(&self) -> u32 {
+        let mut size = 0;
+        let mut i = 0;
+        while i < self.push.len() {
+            size += self.push[i].ty.size();
+            i += 1;
+        }
+        size
+    }
+}
+
+/// Declares a push-constant block: a `#[repr(C)]` struct for the recorder and its field table for the contract.
+/// Addresses come first, so that the block has no padding.
+macro_rules! push_constants {
+    ($(#[$meta:meta])* $name:ident { $($(#[$field_meta:meta])* $field:ident: $ty:ident),* $(,)? }) => {
+        $(#[$meta])*
+        #[repr(C)]
+        #[derive(Clone, Copy, Debug, Default, bytemuck::Pod, bytemuck::Zeroable)]
+        pub struct $name { $($(#[$field_meta])* pub $field: push_constants!(@rust $ty)),* }
+
+        impl $name {
+            /// The members, in order.
+            pub const FIELDS: &'static [$crate::kernels::contract::Field] = &[
+                $($crate::kernels::contract::Field {
+                    name: stringify!($field),
+                    ty: $crate::kernels::contract::FieldType::$ty,
+                }),*
+            ];
+        }
+    };
+    (@rust Address) => { u64 };
+    (@rust U32) => { u32 };
+    (@rust F32) => { f32 };
+}
+pub(crate) use push_constants;

@@ -1,0 +1,236 @@
+//! The contract of every kernel variant. `build.rs` compiles each from `glsl/` and refuses a shader that declares
+//! anything else.
+//!
+//! Strides and channel counts named `*_stride` and `*_channels` count vectors of four channels where maps are meant,
+//! and samples where the caller's planes are meant.
+
+use super::contract::{Binding, BindingType, Contract, Need, push_constants};
+
+push_constants! {
+    /// Dense 3x3 convolution.
+    Conv3x3Push {
+        src: Address, dst: Address, weights: Address, film: Address, residual: Address, tiles: Address,
+        src_width: U32, src_height: U32, src_stride: U32, src_channels: U32,
+        dst_width: U32, dst_stride: U32, dst_channels: U32, residual_stride: U32,
+        bias_vectors: U32, tiles_x: U32, tile_count: U32, flags: U32,
+    }
+}
+
+push_constants! {
+    /// Pointwise convolution of one or two maps.
+    LinearPush {
+        src: Address, src_b: Address, dst: Address, weights: Address, film: Address, residual: Address, tiles: Address,
+        src_stride: U32, src_channels: U32, src_b_stride: U32, src_b_channels: U32,
+        width: U32, dst_stride: U32, dst_channels: U32, residual_stride: U32,
+        bias_vectors: U32, tiles_x: U32, tile_count: U32, flags: U32,
+    }
+}
+
+push_constants! {
+    /// Depthwise 3x3 convolution.
+    Depthwise3x3Push {
+        src: Address, dst: Address, weights: Address, tiles: Address,
+        width: U32, height: U32, src_stride: U32, dst_stride: U32, channels: U32,
+        tiles_x: U32, tile_count: U32, flags: U32,
+    }
+}
+
+push_constants! {
+    /// Layer normalisation of every token.
+    LayerNormPush {
+        src: Address, dst: Address, weights: Address, tiles: Address,
+        width: U32, src_stride: U32, dst_stride: U32, channels: U32,
+        tiles_x: U32, tile_count: U32, flags: U32, unused: U32,
+    }
+}
+
+push_constants! {
+    /// Joint attention of one window and head.
+    WindowAttentionPush {
+        x: Address, f: Address, bias: Address, dst: Address, tiles: Address,
+        width: U32, x_stride: U32, f_stride: U32, dst_stride: U32,
+        heads: U32, key_vectors: U32, value_vectors: U32, scale: F32,
+        tiles_x: U32, tile_count: U32, flags: U32, unused: U32,
+    }
+}
+
+push_constants! {
+    /// Sums of tokens, level one: one partial sum for every run of tokens.
+    TokenSumPush {
+        src: Address, dst: Address,
+        width: U32, real_width: U32, real_tokens: U32, src_stride: U32, channels: U32,
+        tokens_per_sum: U32, sums: U32, unused: U32,
+    }
+}
+
+push_constants! {
+    /// Sums of tokens, level two, and the matrix that makes the FiLM vectors of their mean.
+    FilmVectorPush {
+        partials: Address, weights: Address, dst: Address,
+        channels: U32, outputs: U32, sums: U32, inverse_tokens: F32,
+    }
+}
+
+push_constants! {
+    /// Zeroes the frame's histograms.
+    StatsClearPush { histograms: Address, count: U32, unused: U32 }
+}
+
+push_constants! {
+    /// Histograms of luminance and depth.
+    StatsHistogramPush {
+        color: Address, depth: Address, histograms: Address,
+        color_offset: U32, color_pixel: U32, color_row: U32, color_channel: U32,
+        depth_offset: U32, depth_pixel: U32, depth_row: U32,
+        width: U32, height: U32, flags: U32,
+    }
+}
+
+push_constants! {
+    /// Median luminance and depth scale, from the histograms.
+    StatsSelectPush { histograms: Address, stats: Address }
+}
+
+push_constants! {
+    /// Log-luminance of every 8x8 tile of pixels.
+    StatsTilesPush {
+        color: Address, stats: Address, dst: Address,
+        color_offset: U32, color_pixel: U32, color_row: U32, color_channel: U32,
+        width: U32, height: U32, tiles_x: U32, tile_count: U32, flags: U32, unused: U32,
+    }
+}
+
+push_constants! {
+    /// Key and exposure of the frame.
+    StatsKeyPush { src: Address, stats: Address, tile_count: U32, fixed_exposure: F32 }
+}
+
+push_constants! {
+    /// Colour to the network's input.
+    InputColorPush {
+        color: Address, stats: Address, dst: Address, tiles: Address,
+        color_offset: U32, color_pixel: U32, color_row: U32, color_channel: U32,
+        width: U32, height: U32, dst_width: U32, tiles_x: U32, tile_count: U32, flags: U32,
+    }
+}
+
+push_constants! {
+    /// Albedo, normal and depth to the network's input.
+    InputAuxPush {
+        albedo: Address, normal: Address, depth: Address, stats: Address, dst: Address, tiles: Address,
+        albedo_offset: U32, albedo_pixel: U32, albedo_row: U32, albedo_channel: U32,
+        normal_offset: U32, normal_pixel: U32, normal_row: U32, normal_channel: U32,
+        depth_offset: U32, depth_pixel: U32, depth_row: U32,
+        width: U32, height: U32, dst_width: U32, tile_count: U32, flags: U32,
+    }
+}
+
+push_constants! {
+    /// The network's residual to the denoised colour.
+    OutputPush {
+        residual: Address, log_color: Address, stats: Address, dst: Address, tiles: Address,
+        dst_offset: U32, dst_pixel: U32, dst_row: U32, dst_channel: U32,
+        width: U32, height: U32, src_width: U32, residual_stride: U32,
+        tiles_x: U32, tile_count: U32, flags: U32, blend: F32,
+    }
+}
+
+/// Variants that differ only in what a shader is compiled for.
+const BASE: Contract =
+    Contract { name: "", source: "", defines: &[], push: &[], bindings: &[], constants: &[], needs: &[] };
+
+const COLOR_IMAGE: &[Binding] = &[Binding { name: "color_image", ty: BindingType::SampledImage }];
+const COLOR_DEPTH_IMAGES: &[Binding] = &[
+    Binding { name: "color_image", ty: BindingType::SampledImage },
+    Binding { name: "depth_image", ty: BindingType::SampledImage },
+];
+const AUX_IMAGES: &[Binding] = &[
+    Binding { name: "albedo_image", ty: BindingType::SampledImage },
+    Binding { name: "normal_image", ty: BindingType::SampledImage },
+    Binding { name: "depth_image", ty: BindingType::SampledImage },
+];
+const OUTPUT_IMAGES: &[Binding] = &[
+    Binding { name: "color_image", ty: BindingType::SampledImage },
+    Binding { name: "dst_image", ty: BindingType::StorageImage },
+];
+
+const BROADCAST: &[Need] = &[Need::SubgroupBroadcast8];
+
+macro_rules! contracts {
+    ($($(#[$meta:meta])* $konst:ident = $name:literal $source:literal $push:ident
+       { $($key:literal : $value:literal),* } $bindings:expr, $needs:expr;)*) => {
+        $($(#[$meta])* pub const $konst: Contract = Contract {
+            name: $name, source: $source, defines: &[$(($key, $value)),*], push: $push::FIELDS,
+            bindings: $bindings, needs: $needs, ..BASE
+        };)*
+        /// Every variant that the build compiles.
+        pub const ALL: &[&Contract] = &[$(&$konst),*];
+    };
+}
+
+// TX x TY outputs and 4 * NV channels an invocation: 2x2 keeps a GPU's registers, 4x2 suits CPU drivers.
+contracts! {
+    /// Convolution, stride 1, tiles of 32 channels.
+    CONV3X3 = "conv3x3" "conv3x3.comp" Conv3x3Push
+        { "STRIDE": "1", "TX": "2", "TY": "2", "NV": "8" } &[], &[];
+    /// The same, weights handed round in the subgroup.
+    CONV3X3_BROADCAST = "conv3x3_broadcast" "conv3x3.comp" Conv3x3Push
+        { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_BROADCAST": "1" } &[], BROADCAST;
+    /// Convolution, stride 2.
+    CONV3X3_S2 = "conv3x3_s2" "conv3x3.comp" Conv3x3Push
+        { "STRIDE": "2", "TX": "2", "TY": "2", "NV": "8" } &[], &[];
+    /// The same, weights handed round in the subgroup.
+    CONV3X3_S2_BROADCAST = "conv3x3_s2_broadcast" "conv3x3.comp" Conv3x3Push
+        { "STRIDE": "2", "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_BROADCAST": "1" } &[], BROADCAST;
+    /// Convolution to at most 4 channels.
+    CONV3X3_N4 = "conv3x3_n4" "conv3x3.comp" Conv3x3Push
+        { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "1" } &[], &[];
+    /// Pointwise convolution, tiles of 32 channels.
+    LINEAR = "linear" "linear.comp" LinearPush { "TX": "2", "TY": "2", "NV": "8" } &[], &[];
+    /// The same, weights handed round in the subgroup.
+    LINEAR_BROADCAST = "linear_broadcast" "linear.comp" LinearPush
+        { "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_BROADCAST": "1" } &[], BROADCAST;
+    /// Depthwise convolution.
+    DEPTHWISE3X3 = "depthwise3x3" "depthwise3x3.comp" Depthwise3x3Push {} &[], &[];
+    /// Layer normalisation.
+    LAYER_NORM = "layer_norm" "layer_norm.comp" LayerNormPush {} &[], &[];
+    /// Joint window attention.
+    WINDOW_ATTENTION = "window_attention" "window_attention.comp" WindowAttentionPush {} &[], &[];
+    /// Partial sums of tokens.
+    TOKEN_SUM = "token_sum" "token_sum.comp" TokenSumPush {} &[], &[];
+    /// FiLM vectors.
+    FILM_VECTOR = "film_vector" "film_vector.comp" FilmVectorPush {} &[], &[];
+    /// Histograms to zero.
+    STATS_CLEAR = "stats_clear" "stats_clear.comp" StatsClearPush {} &[], &[];
+    /// Histograms.
+    STATS_HISTOGRAM = "stats_histogram" "stats_histogram.comp" StatsHistogramPush {} &[], &[];
+    /// Histograms of images.
+    STATS_HISTOGRAM_IMAGE = "stats_histogram_image" "stats_histogram.comp" StatsHistogramPush
+        { "IMAGES": "1" } COLOR_DEPTH_IMAGES, &[];
+    /// Median and depth scale.
+    STATS_SELECT = "stats_select" "stats_select.comp" StatsSelectPush {} &[], &[];
+    /// Log-luminance of tiles.
+    STATS_TILES = "stats_tiles" "stats_tiles.comp" StatsTilesPush {} &[], &[];
+    /// Log-luminance of an image's tiles.
+    STATS_TILES_IMAGE = "stats_tiles_image" "stats_tiles.comp" StatsTilesPush { "IMAGES": "1" } COLOR_IMAGE, &[];
+    /// Key and exposure.
+    STATS_KEY = "stats_key" "stats_key.comp" StatsKeyPush {} &[], &[];
+    /// Colour input.
+    INPUT_COLOR = "input_color" "input_color.comp" InputColorPush {} &[], &[];
+    /// Colour input from an image.
+    INPUT_COLOR_IMAGE = "input_color_image" "input_color.comp" InputColorPush { "IMAGES": "1" } COLOR_IMAGE, &[];
+    /// Features' input.
+    INPUT_AUX = "input_aux" "input_aux.comp" InputAuxPush {} &[], &[];
+    /// Features' input from images.
+    INPUT_AUX_IMAGE = "input_aux_image" "input_aux.comp" InputAuxPush { "IMAGES": "1" } AUX_IMAGES, &[];
+    /// Output to 32-bit planes.
+    OUTPUT_F32 = "output_f32" "output.comp" OutputPush { "TARGET_F32": "1" } &[], &[];
+    /// Output to 16-bit planes.
+    OUTPUT_F16 = "output_f16" "output.comp" OutputPush { "TARGET_F16": "1" } &[], &[Need::Storage16];
+    /// Output to an rgba32f image.
+    OUTPUT_IMAGE_F32 = "output_image_f32" "output.comp" OutputPush
+        { "IMAGES": "1", "TARGET_FORMAT": "rgba32f" } OUTPUT_IMAGES, &[];
+    /// Output to an rgba16f image.
+    OUTPUT_IMAGE_F16 = "output_image_f16" "output.comp" OutputPush
+        { "IMAGES": "1", "TARGET_FORMAT": "rgba16f", "TARGET_MAX": "65504.0" } OUTPUT_IMAGES, &[];
+}

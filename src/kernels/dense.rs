@@ -1,0 +1,197 @@
+//! The dense kernels: 3x3 and pointwise convolution, with bias, FiLM, residual, activation and pixel shuffles.
+
+use super::contract::Contract;
+use super::contracts::{self, Conv3x3Push, LinearPush};
+use super::{
+    Activation, Addresses, BufferId, Kernel, PushBytes, Shuffle, Tiles, Traffic, Variants, View, activation_flag, flags,
+    groups,
+};
+
+/// Output channels of one workgroup, and what the packer pads the weights to.
+pub const TILE_CHANNELS: u32 = 32;
+/// The same for convolutions to at most this many channels.
+pub const NARROW_CHANNELS: u32 = 4;
+
+/// Output channels that a convolution to `channels` computes per workgroup.
+pub fn conv_tile_channels(channels: u32) -> u32 {
+    if channels <= NARROW_CHANNELS { NARROW_CHANNELS } else { TILE_CHANNELS }
+}
+
+/// `shuffle(act(film(conv3x3(src) + bias) + residual))`, zero padding at the map's borders.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Conv3x3 {
+    /// Input.
+    pub src: View,
+    /// Output, in its shape after the shuffle.
+    pub dst: View,
+    /// Output channels of the convolution itself.
+    pub channels: u32,
+    /// Packed weights ([`crate::plan::pack`]).
+    pub weights: BufferId,
+    /// Vector `[gamma | beta]`.
+    pub film: Option<BufferId>,
+    /// Added before the activation. Not with a shuffle.
+    pub residual: Option<View>,
+    /// 1 or 2.
+    pub stride: u32,
+    /// Applied to the sum.
+    pub activation: Activation,
+    /// Applied last.
+    pub shuffle: Shuffle,
+    /// Tiles of the convolution's own result (before the shuffle).
+    pub tiles: Tiles,
+}
+
+impl Conv3x3 {
+    /// Size of the convolution's own result, in tokens.
+    pub fn result_size(&self) -> (u32, u32) {
+        (self.src.width / self.stride, self.src.height / self.stride)
+    }
+}
+
+/// Pixels and channels of one workgroup of 64 invocations.
+fn dense_groups(tiles: u32, channels: u32, tile_channels: u32, pixels_per_invocation: u32) -> [u32; 3] {
+    let tiles_per_group = pixels_per_invocation; // 64 invocations * p pixels / 64 pixels a tile
+    groups(tiles.div_ceil(tiles_per_group), channels.div_ceil(tile_channels))
+}
+
+impl Kernel for Conv3x3 {
+    fn contract(&self, variants: Variants) -> &'static Contract {
+        match (conv_tile_channels(self.channels) == NARROW_CHANNELS, self.stride, variants.broadcast) {
+            (true, ..) => &contracts::CONV3X3_N4,
+            (false, 2, true) => &contracts::CONV3X3_S2_BROADCAST,
+            (false, 2, false) => &contracts::CONV3X3_S2,
+            (false, _, true) => &contracts::CONV3X3_BROADCAST,
+            (false, _, false) => &contracts::CONV3X3,
+        }
+    }
+
+    fn groups(&self, variants: Variants) -> [u32; 3] {
+        let (width, height) = self.result_size();
+        let tile_channels = conv_tile_channels(self.channels);
+        let pixels = if variants.broadcast || tile_channels == NARROW_CHANNELS { 8 } else { 4 };
+        dense_groups(self.tiles.count(width, height), self.channels, tile_channels, pixels)
+    }
+
+    fn push(&self, at: &Addresses) -> PushBytes {
+        let (width, height) = self.result_size();
+        let tile = conv_tile_channels(self.channels);
+        let shuffle = match self.shuffle {
+            Shuffle::None => 0,
+            Shuffle::Unshuffle => flags::UNSHUFFLE,
+            Shuffle::Shuffle => flags::SHUFFLE,
+        };
+        PushBytes::new(&Conv3x3Push {
+            src: at.view(&self.src),
+            dst: at.view(&self.dst),
+            weights: at.of(self.weights),
+            film: self.film.map_or(0, |film| at.of(film)),
+            residual: at.view_or_null(self.residual.as_ref()),
+            tiles: at.tiles(&self.tiles),
+            src_width: self.src.width,
+            src_height: self.src.height,
+            src_stride: self.src.stride / 4,
+            src_channels: self.src.channels / 4,
+            dst_width: width,
+            dst_stride: self.dst.stride / 4,
+            dst_channels: self.channels / 4,
+            residual_stride: self.residual.map_or(0, |r| r.stride / 4),
+            bias_vectors: self.channels.next_multiple_of(tile) / 4,
+            tiles_x: width / super::TILE,
+            tile_count: self.tiles.count(width, height),
+            flags: shuffle | epilogue_flags(self.activation, self.film, self.residual.as_ref(), &self.tiles),
+        })
+    }
+
+    fn traffic(&self, element: u64) -> Traffic {
+        let weights = (u64::from(self.src.channels) * 9 + 1) * u64::from(self.channels) * 4;
+        let mut traffic = dense_traffic(&[&self.src], &self.dst, self.weights, weights, element);
+        traffic.reads.extend(self.film.map(|film| (film, u64::from(self.channels) * 8)));
+        traffic.reads.extend(self.residual.map(|r| (r.buffer, r.elements() * element)));
+        traffic
+    }
+}
+
+/// `act(film(W [src | src_b] + bias) + residual)` for every token.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Linear {
+    /// First input.
+    pub src: View,
+    /// Second input, its channels after the first's.
+    pub src_b: Option<View>,
+    /// Output.
+    pub dst: View,
+    /// Packed weights ([`crate::plan::pack`]).
+    pub weights: BufferId,
+    /// Vector `[gamma | beta]`.
+    pub film: Option<BufferId>,
+    /// Added before the activation.
+    pub residual: Option<View>,
+    /// Applied to the sum.
+    pub activation: Activation,
+    /// Tiles of the map.
+    pub tiles: Tiles,
+}
+
+impl Linear {
+    fn inputs(&self) -> u32 {
+        self.src.channels + self.src_b.map_or(0, |b| b.channels)
+    }
+}
+
+impl Kernel for Linear {
+    fn contract(&self, variants: Variants) -> &'static Contract {
+        if variants.broadcast { &contracts::LINEAR_BROADCAST } else { &contracts::LINEAR }
+    }
+
+    fn groups(&self, variants: Variants) -> [u32; 3] {
+        let tiles = self.tiles.count(self.dst.width, self.dst.height);
+        dense_groups(tiles, self.dst.channels, TILE_CHANNELS, if variants.broadcast { 8 } else { 4 })
+    }
+
+    fn push(&self, at: &Addresses) -> PushBytes {
+        PushBytes::new(&LinearPush {
+            src: at.view(&self.src),
+            src_b: at.view_or_null(self.src_b.as_ref()),
+            dst: at.view(&self.dst),
+            weights: at.of(self.weights),
+            film: self.film.map_or(0, |film| at.of(film)),
+            residual: at.view_or_null(self.residual.as_ref()),
+            tiles: at.tiles(&self.tiles),
+            src_stride: self.src.stride / 4,
+            src_channels: self.src.channels / 4,
+            src_b_stride: self.src_b.map_or(0, |b| b.stride / 4),
+            src_b_channels: self.src_b.map_or(0, |b| b.channels / 4),
+            width: self.dst.width,
+            dst_stride: self.dst.stride / 4,
+            dst_channels: self.dst.channels / 4,
+            residual_stride: self.residual.map_or(0, |r| r.stride / 4),
+            bias_vectors: self.dst.channels.next_multiple_of(TILE_CHANNELS) / 4,
+            tiles_x: self.dst.width / super::TILE,
+            tile_count: self.tiles.count(self.dst.width, self.dst.height),
+            flags: epilogue_flags(self.activation, self.film, self.residual.as_ref(), &self.tiles),
+        })
+    }
+
+    fn traffic(&self, element: u64) -> Traffic {
+        let weights = u64::from(self.inputs() + 1) * u64::from(self.dst.channels) * 4;
+        let sources: Vec<&View> = [Some(&self.src), self.src_b.as_ref()].into_iter().flatten().collect();
+        let mut traffic = dense_traffic(&sources, &self.dst, self.weights, weights, element);
+        traffic.reads.extend(self.film.map(|film| (film, u64::from(self.dst.channels) * 8)));
+        traffic.reads.extend(self.residual.map(|r| (r.buffer, r.elements() * element)));
+        traffic
+    }
+}
+
+fn epilogue_flags(activation: Activation, film: Option<BufferId>, residual: Option<&View>, tiles: &Tiles) -> u32 {
+    activation_flag(activation)
+        | tiles.flag()
+        | film.map_or(0, |_| flags::FILM)
+        | residual.map_or(0, |_| flags::RESIDUAL)
+}
+
+fn dense_traffic(sources: &[&View], dst: &View, weights: BufferId, weight_bytes: u64, element: u64) -> Traffic {
+    let mut reads: Vec<_> = sources.iter().map(|s| (s.buffer, s.elements() * element)).collect();
+    reads.push((weights, weight_bytes));
+    Traffic { reads, writes: vec![(dst.buffer, dst.elements() * element)] }
+}

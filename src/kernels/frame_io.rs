@@ -1,0 +1,188 @@
+//! The frame's way into the network and out of it.
+
+use super::contract::Contract;
+use super::contracts::{self, InputAuxPush, InputColorPush, OutputPush};
+use super::{Addresses, BufferId, Kernel, PlaneArgs, PushBytes, TILE, Tiles, Traffic, Variants, View, flags, groups};
+
+pub(super) fn color_flags(plane: &PlaneArgs) -> u32 {
+    plane_flags(plane, flags::COLOR, flags::COLOR_HALF)
+}
+
+pub(super) fn depth_flags(plane: &PlaneArgs) -> u32 {
+    plane_flags(plane, flags::DEPTH, flags::DEPTH_HALF)
+}
+
+fn plane_flags(plane: &PlaneArgs, present: u32, half: u32) -> u32 {
+    (if plane.present { present } else { 0 }) | (if plane.half { half } else { 0 })
+}
+
+/// Colour to `log1p(colour * exposure)`: bad pixels mended, reflected into the padding. One group per tile.
+#[derive(Clone, Debug, PartialEq)]
+pub struct InputColor {
+    /// The statistics.
+    pub stats: BufferId,
+    /// Three channels and a zero, padded size.
+    pub dst: View,
+    /// Size of the frame in pixels.
+    pub width: u32,
+    /// Size of the frame in pixels.
+    pub height: u32,
+    /// Tiles of the padded frame.
+    pub tiles: Tiles,
+}
+
+impl Kernel for InputColor {
+    fn contract(&self, variants: Variants) -> &'static Contract {
+        if variants.images { &contracts::INPUT_COLOR_IMAGE } else { &contracts::INPUT_COLOR }
+    }
+
+    fn groups(&self, _: Variants) -> [u32; 3] {
+        groups(self.tiles.count(self.dst.width, self.dst.height), 1)
+    }
+
+    fn push(&self, at: &Addresses) -> PushBytes {
+        PushBytes::new(&InputColorPush {
+            color: at.color.address,
+            stats: at.of(self.stats),
+            dst: at.view(&self.dst),
+            tiles: at.tiles(&self.tiles),
+            color_offset: at.color.offset,
+            color_pixel: at.color.pixel,
+            color_row: at.color.row,
+            color_channel: at.color.channel,
+            width: self.width,
+            height: self.height,
+            dst_width: self.dst.width,
+            tiles_x: self.dst.width / TILE,
+            tile_count: self.tiles.count(self.dst.width, self.dst.height),
+            flags: color_flags(&at.color) | self.tiles.flag(),
+        })
+    }
+
+    fn traffic(&self, element: u64) -> Traffic {
+        Traffic { reads: vec![(self.stats, 16)], writes: vec![(self.dst.buffer, self.dst.elements() * element)] }
+    }
+}
+
+/// Albedo, normal and depth to the network's seven auxiliary channels and a zero.
+#[derive(Clone, Debug, PartialEq)]
+pub struct InputAux {
+    /// The statistics.
+    pub stats: BufferId,
+    /// Eight channels, padded size.
+    pub dst: View,
+    /// Size of the frame in pixels.
+    pub width: u32,
+    /// Size of the frame in pixels.
+    pub height: u32,
+    /// Tiles of the padded frame.
+    pub tiles: Tiles,
+}
+
+impl Kernel for InputAux {
+    fn contract(&self, variants: Variants) -> &'static Contract {
+        if variants.images { &contracts::INPUT_AUX_IMAGE } else { &contracts::INPUT_AUX }
+    }
+
+    fn groups(&self, _: Variants) -> [u32; 3] {
+        groups(self.tiles.count(self.dst.width, self.dst.height), 1)
+    }
+
+    fn push(&self, at: &Addresses) -> PushBytes {
+        let planes = plane_flags(&at.albedo, flags::ALBEDO, flags::ALBEDO_HALF)
+            | plane_flags(&at.normal, flags::NORMAL, flags::NORMAL_HALF)
+            | depth_flags(&at.depth)
+            | self.tiles.flag();
+        PushBytes::new(&InputAuxPush {
+            albedo: at.albedo.address,
+            normal: at.normal.address,
+            depth: at.depth.address,
+            stats: at.of(self.stats),
+            dst: at.view(&self.dst),
+            tiles: at.tiles(&self.tiles),
+            albedo_offset: at.albedo.offset,
+            albedo_pixel: at.albedo.pixel,
+            albedo_row: at.albedo.row,
+            albedo_channel: at.albedo.channel,
+            normal_offset: at.normal.offset,
+            normal_pixel: at.normal.pixel,
+            normal_row: at.normal.row,
+            normal_channel: at.normal.channel,
+            depth_offset: at.depth.offset,
+            depth_pixel: at.depth.pixel,
+            depth_row: at.depth.row,
+            width: self.width,
+            height: self.height,
+            dst_width: self.dst.width,
+            tile_count: self.tiles.count(self.dst.width, self.dst.height),
+            flags: planes,
+        })
+    }
+
+    fn traffic(&self, element: u64) -> Traffic {
+        Traffic { reads: vec![(self.stats, 16)], writes: vec![(self.dst.buffer, self.dst.elements() * element)] }
+    }
+}
+
+/// `max(expm1(c + r) / exposure, 0)`, mixed with the noisy colour by `blend`, cropped to the frame.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Output {
+    /// The network's residual r, three channels and padding.
+    pub residual: View,
+    /// The network's colour input c.
+    pub log_color: View,
+    /// The statistics.
+    pub stats: BufferId,
+    /// Size of the frame in pixels.
+    pub width: u32,
+    /// Size of the frame in pixels.
+    pub height: u32,
+    /// Tiles of the frame.
+    pub tiles: Tiles,
+}
+
+impl Kernel for Output {
+    fn contract(&self, variants: Variants) -> &'static Contract {
+        match (variants.images, variants.output_half) {
+            (false, false) => &contracts::OUTPUT_F32,
+            (false, true) => &contracts::OUTPUT_F16,
+            (true, false) => &contracts::OUTPUT_IMAGE_F32,
+            (true, true) => &contracts::OUTPUT_IMAGE_F16,
+        }
+    }
+
+    fn groups(&self, _: Variants) -> [u32; 3] {
+        groups(self.tiles.count(self.width, self.height), 1)
+    }
+
+    fn push(&self, at: &Addresses) -> PushBytes {
+        PushBytes::new(&OutputPush {
+            residual: at.view(&self.residual),
+            log_color: at.view(&self.log_color),
+            stats: at.of(self.stats),
+            dst: at.output.address,
+            tiles: at.tiles(&self.tiles),
+            dst_offset: at.output.offset,
+            dst_pixel: at.output.pixel,
+            dst_row: at.output.row,
+            dst_channel: at.output.channel,
+            width: self.width,
+            height: self.height,
+            src_width: self.residual.width,
+            residual_stride: self.residual.stride / 4,
+            tiles_x: self.width.div_ceil(TILE),
+            tile_count: self.tiles.count(self.width, self.height),
+            flags: self.tiles.flag(),
+            blend: at.blend,
+        })
+    }
+
+    fn traffic(&self, element: u64) -> Traffic {
+        let pixels = u64::from(self.width) * u64::from(self.height);
+        let map = pixels * 4 * element;
+        Traffic {
+            reads: vec![(self.residual.buffer, map), (self.log_color.buffer, map), (self.stats, 16)],
+            writes: vec![],
+        }
+    }
+}

@@ -1,0 +1,102 @@
+//! Kernels that go over a map once: depthwise convolution and layer normalisation.
+
+use super::contract::Contract;
+use super::contracts::{self, Depthwise3x3Push, LayerNormPush};
+use super::{Activation, Addresses, BufferId, Kernel, PushBytes, TILE, Tiles, Traffic, Variants, View, activation_flag, groups};
+
+/// Channels of one workgroup of the depthwise kernel.
+const DEPTHWISE_CHANNELS: u32 = 32;
+
+/// `act(depthwise3x3(src) + bias)`, zero padding at the map's borders.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Depthwise3x3 {
+    /// Input.
+    pub src: View,
+    /// Output, of the same size.
+    pub dst: View,
+    /// Packed weights: `[bias | 9 taps]`, each of all channels.
+    pub weights: BufferId,
+    /// Applied to the result.
+    pub activation: Activation,
+    /// Tiles of the map.
+    pub tiles: Tiles,
+}
+
+impl Kernel for Depthwise3x3 {
+    fn contract(&self, _: Variants) -> &'static Contract {
+        &contracts::DEPTHWISE3X3
+    }
+
+    fn groups(&self, _: Variants) -> [u32; 3] {
+        groups(self.tiles.count(self.dst.width, self.dst.height), self.dst.channels.div_ceil(DEPTHWISE_CHANNELS))
+    }
+
+    fn push(&self, at: &Addresses) -> PushBytes {
+        PushBytes::new(&Depthwise3x3Push {
+            src: at.view(&self.src),
+            dst: at.view(&self.dst),
+            weights: at.of(self.weights),
+            tiles: at.tiles(&self.tiles),
+            width: self.dst.width,
+            height: self.dst.height,
+            src_stride: self.src.stride / 4,
+            dst_stride: self.dst.stride / 4,
+            channels: self.dst.channels / 4,
+            tiles_x: self.dst.width / TILE,
+            tile_count: self.tiles.count(self.dst.width, self.dst.height),
+            flags: activation_flag(self.activation) | self.tiles.flag(),
+        })
+    }
+
+    fn traffic(&self, element: u64) -> Traffic {
+        map_traffic(&self.src, &self.dst, (self.weights, u64::from(self.dst.channels) * 40), element)
+    }
+}
+
+/// Every token to mean 0 and variance 1 over its channels (eps 1e-5), then gain and bias.
+#[derive(Clone, Debug, PartialEq)]
+pub struct LayerNorm {
+    /// Input. The mean is taken over its channels.
+    pub src: View,
+    /// Output, of the same size.
+    pub dst: View,
+    /// Packed `[gain | bias]`.
+    pub weights: BufferId,
+    /// Tiles of the map.
+    pub tiles: Tiles,
+}
+
+impl Kernel for LayerNorm {
+    fn contract(&self, _: Variants) -> &'static Contract {
+        &contracts::LAYER_NORM
+    }
+
+    fn groups(&self, _: Variants) -> [u32; 3] {
+        groups(self.tiles.count(self.dst.width, self.dst.height), 1)
+    }
+
+    fn push(&self, at: &Addresses) -> PushBytes {
+        PushBytes::new(&LayerNormPush {
+            src: at.view(&self.src),
+            dst: at.view(&self.dst),
+            weights: at.of(self.weights),
+            tiles: at.tiles(&self.tiles),
+            width: self.dst.width,
+            src_stride: self.src.stride / 4,
+            dst_stride: self.dst.stride / 4,
+            channels: self.dst.channels / 4,
+            tiles_x: self.dst.width / TILE,
+            tile_count: self.tiles.count(self.dst.width, self.dst.height),
+            flags: self.tiles.flag(),
+            unused: 0,
+        })
+    }
+
+    fn traffic(&self, element: u64) -> Traffic {
+        map_traffic(&self.src, &self.dst, (self.weights, u64::from(self.dst.channels) * 8), element)
+    }
+}
+
+fn map_traffic(src: &View, dst: &View, weights: (BufferId, u64), element: u64) -> Traffic {
+    Traffic { reads: vec![(src.buffer, src.elements() * element), weights], writes: vec![(dst.buffer, dst.elements() * element)] }
+}

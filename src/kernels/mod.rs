@@ -1,0 +1,294 @@
+//! The kernels: for each its contract with the shader, its arguments as the plan states them, its dispatch size, push
+//! constants, and what it reads, writes and computes.
+//!
+//! A kernel is four things of one name: `glsl/x.comp`, its contract in [`contracts`], its arguments here, and its f64
+//! twin in [`crate::reference`].
+
+pub mod contract;
+pub mod contracts;
+pub mod dense;
+pub mod film;
+pub mod frame_io;
+pub mod maps;
+pub mod spirv;
+pub mod stats;
+pub mod window_attention;
+
+use contract::Contract;
+
+pub use crate::net::graph::{Activation, Shuffle};
+
+/// Side of a tile in tokens: the attention window, and the grain of every list of active tiles.
+pub const TILE: u32 = 8;
+
+/// Workgroups in x of one dispatch, the least that Vulkan guarantees; more go to z.
+pub const MAX_GROUPS_X: u32 = 65535;
+
+/// A buffer of a plan: its position in [`crate::plan::Plan::buffers`].
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct BufferId(pub usize);
+
+/// Channels `first..first + channels` of a map of `width` x `height` tokens, rows of `stride` channels per token.
+/// `first`, `channels` and `stride` are multiples of four; channels beyond the network's own are zero.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct View {
+    /// Where the map lies.
+    pub buffer: BufferId,
+    /// First channel.
+    pub first: u32,
+    /// Channels.
+    pub channels: u32,
+    /// Channels of a whole token in memory.
+    pub stride: u32,
+    /// Tokens in x, a multiple of [`TILE`].
+    pub width: u32,
+    /// Tokens in y, a multiple of [`TILE`].
+    pub height: u32,
+}
+
+impl View {
+    /// Tokens.
+    pub fn tokens(&self) -> u64 {
+        u64::from(self.width) * u64::from(self.height)
+    }
+
+    /// Elements that the view covers.
+    pub fn elements(&self) -> u64 {
+        self.tokens() * u64::from(self.channels)
+    }
+}
+
+/// The tiles that a dispatch works on.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Tiles {
+    /// Every tile of the map, row by row.
+    All,
+    /// The `count` tiles that the buffer lists, as `x | y << 16` in tiles, each at most once.
+    List {
+        /// Where the list lies.
+        buffer: BufferId,
+        /// Its length.
+        count: u32,
+    },
+}
+
+/// A plane of the frame, as the caller's buffer has it. Strides and offset count samples.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct PlaneArgs {
+    /// Device address, a multiple of 4 bytes.
+    pub address: u64,
+    /// First sample.
+    pub offset: u32,
+    /// From pixel to pixel.
+    pub pixel: u32,
+    /// From row to row.
+    pub row: u32,
+    /// From channel to channel.
+    pub channel: u32,
+    /// Whether samples are halves.
+    pub half: bool,
+    /// Whether there is such a plane.
+    pub present: bool,
+}
+
+/// What a recording adds to the plan: where everything is, and the frame's own values.
+pub struct Addresses<'a> {
+    /// Device address of a plan's buffer.
+    pub buffer: &'a dyn Fn(BufferId) -> u64,
+    /// Bytes of one activation.
+    pub element_bytes: u64,
+    /// The colour plane.
+    pub color: PlaneArgs,
+    /// The albedo plane.
+    pub albedo: PlaneArgs,
+    /// The normal plane.
+    pub normal: PlaneArgs,
+    /// The depth plane.
+    pub depth: PlaneArgs,
+    /// The output plane.
+    pub output: PlaneArgs,
+    /// Factor on the colour; `None`: the frame's own.
+    pub exposure: Option<f32>,
+    /// Share of the noisy colour in the output, in [0, 1].
+    pub blend: f32,
+}
+
+impl Addresses<'_> {
+    pub(crate) fn of(&self, buffer: BufferId) -> u64 {
+        (self.buffer)(buffer)
+    }
+
+    fn view(&self, view: &View) -> u64 {
+        self.of(view.buffer) + u64::from(view.first) * self.element_bytes
+    }
+
+    fn view_or_null(&self, view: Option<&View>) -> u64 {
+        view.map_or(0, |view| self.view(view))
+    }
+
+    fn tiles(&self, tiles: &Tiles) -> u64 {
+        match tiles {
+            Tiles::All => 0,
+            Tiles::List { buffer, .. } => self.of(*buffer),
+        }
+    }
+}
+
+/// What a kernel reads and writes: (buffer, bytes).
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct Traffic {
+    /// Buffers read, each with the bytes that are needed of it once.
+    pub reads: Vec<(BufferId, u64)>,
+    /// Buffers written.
+    pub writes: Vec<(BufferId, u64)>,
+}
+
+/// How the device prefers its kernels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Variants {
+    /// Weights handed round in the subgroup instead of loaded by every invocation.
+    pub broadcast: bool,
+    /// The frame's planes are images instead of buffers.
+    pub images: bool,
+    /// The output's samples are halves.
+    pub output_half: bool,
+}
+
+/// The push constants of one dispatch.
+#[derive(Clone, Copy, Debug)]
+pub struct PushBytes {
+    bytes: [u8; 128],
+    len: usize,
+}
+
+impl PushBytes {
+    fn new<T: bytemuck::Pod>(push: &T) -> Self {
+        const { assert!(size_of::<T>() <= 128) };
+        let mut bytes = [0; 128];
+        let source = bytemuck::bytes_of(push);
+        bytes[..source.len()].copy_from_slice(source);
+        Self { bytes, len: source.len() }
+    }
+
+    /// The bytes as `vkCmdPushConstants` wants them.
+    pub fn as_slice(&self) -> &[u8] {
+        &self.bytes[..self.len]
+    }
+}
+
+/// What every kernel tells the recorder, the planner and the cost model.
+pub trait Kernel {
+    /// The shader variant to run.
+    fn contract(&self, variants: Variants) -> &'static Contract;
+    /// Workgroups to dispatch.
+    fn groups(&self, variants: Variants) -> [u32; 3];
+    /// Push constants.
+    fn push(&self, at: &Addresses) -> PushBytes;
+    /// Memory that it touches. `element` is the size of an activation in bytes.
+    fn traffic(&self, element: u64) -> Traffic;
+}
+
+/// One kernel with its arguments.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Call {
+    /// Dense 3x3 convolution.
+    Conv3x3(dense::Conv3x3),
+    /// Pointwise convolution.
+    Linear(dense::Linear),
+    /// Depthwise 3x3 convolution.
+    Depthwise3x3(maps::Depthwise3x3),
+    /// Layer normalisation.
+    LayerNorm(maps::LayerNorm),
+    /// Joint window attention.
+    WindowAttention(window_attention::WindowAttention),
+    /// Partial sums over tokens.
+    TokenSum(film::TokenSum),
+    /// FiLM vectors from partial sums.
+    FilmVector(film::FilmVector),
+    /// Zeroed histograms.
+    StatsClear(stats::Clear),
+    /// Histograms of the frame.
+    StatsHistogram(stats::Histogram),
+    /// Median and depth scale.
+    StatsSelect(stats::Select),
+    /// Log-luminance of tiles.
+    StatsTiles(stats::TileMeans),
+    /// Key and exposure.
+    StatsKey(stats::Key),
+    /// Colour input.
+    InputColor(frame_io::InputColor),
+    /// Features' input.
+    InputAux(frame_io::InputAux),
+    /// Output.
+    Output(frame_io::Output),
+}
+
+impl Call {
+    /// The call as a kernel.
+    pub fn kernel(&self) -> &dyn Kernel {
+        match self {
+            Self::Conv3x3(k) => k,
+            Self::Linear(k) => k,
+            Self::Depthwise3x3(k) => k,
+            Self::LayerNorm(k) => k,
+            Self::WindowAttention(k) => k,
+            Self::TokenSum(k) => k,
+            Self::FilmVector(k) => k,
+            Self::StatsClear(k) => k,
+            Self::StatsHistogram(k) => k,
+            Self::StatsSelect(k) => k,
+            Self::StatsTiles(k) => k,
+            Self::StatsKey(k) => k,
+            Self::InputColor(k) => k,
+            Self::InputAux(k) => k,
+            Self::Output(k) => k,
+        }
+    }
+}
+
+/// Flag bits, as in `glsl/shared/*.glsl`.
+mod flags {
+    pub const TILE_LIST: u32 = 1;
+    pub const RELU: u32 = 2;
+    pub const LEAKY_RELU: u32 = 4;
+    pub const RESIDUAL: u32 = 8;
+    pub const FILM: u32 = 16;
+    pub const SHUFFLE: u32 = 32;
+    pub const UNSHUFFLE: u32 = 64;
+    pub const COLOR_HALF: u32 = 1 << 8;
+    pub const COLOR: u32 = 1 << 9;
+    pub const ALBEDO_HALF: u32 = 1 << 10;
+    pub const ALBEDO: u32 = 1 << 11;
+    pub const NORMAL_HALF: u32 = 1 << 12;
+    pub const NORMAL: u32 = 1 << 13;
+    pub const DEPTH_HALF: u32 = 1 << 14;
+    pub const DEPTH: u32 = 1 << 15;
+}
+
+fn activation_flag(activation: Activation) -> u32 {
+    match activation {
+        Activation::None => 0,
+        Activation::Relu => flags::RELU,
+        Activation::LeakyRelu => flags::LEAKY_RELU,
+    }
+}
+
+impl Tiles {
+    fn flag(&self) -> u32 {
+        if matches!(self, Self::All) { 0 } else { flags::TILE_LIST }
+    }
+
+    /// Tiles to work on in a map of `width` x `height` tokens.
+    pub fn count(&self, width: u32, height: u32) -> u32 {
+        match self {
+            Self::All => width.div_ceil(TILE) * height.div_ceil(TILE),
+            Self::List { count, .. } => *count,
+        }
+    }
+}
+
+/// Workgroups for `x` groups of work, split over x and z, times `y`.
+fn groups(x: u32, y: u32) -> [u32; 3] {
+    let z = x.div_ceil(MAX_GROUPS_X).max(1);
+    [x.div_ceil(z), y, z]
+}

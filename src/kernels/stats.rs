@@ -1,0 +1,205 @@
+//! Statistics of the frame: exposure and depth scale, by integer histograms and fixed-order sums.
+//!
+//! 1. [`Histogram`] counts the luminances (valid pixels, above 0) and the valid depths by the upper 16 bits of the
+//!    float: 128 bins an octave.
+//! 2. [`Select`] reads the median luminance `m` and the 99.9th percentile of depth from them.
+//! 3. [`TileMeans`] takes the mean of `min(luminance, 64 m)` over the valid pixels of every 8x8 tile, and its base-2
+//!    logarithm, at least `log2(m / 1024)`.
+//! 4. [`Key`] averages those logarithms over the tiles that have any light: `key = 2^mean`, `exposure = 0.18 / key`.
+//!
+//! So one pixel, whatever its value, moves the key by at most what a tile of 64 m does.
+
+use super::contract::Contract;
+use super::contracts::{
+    self, StatsClearPush, StatsHistogramPush, StatsKeyPush, StatsSelectPush, StatsTilesPush,
+};
+use super::frame_io::{color_flags, depth_flags};
+use super::{Addresses, BufferId, Kernel, PushBytes, TILE, Traffic, Variants, groups};
+
+/// Bins of one histogram: the 16 upper bits of a non-negative float.
+pub const BINS: u32 = 1 << 15;
+/// Bytes of the two histograms, luminance then depth.
+pub const HISTOGRAM_BYTES: u64 = 2 * 4 * BINS as u64;
+/// Floats of the statistics: median luminance, depth scale, key, exposure.
+pub const STATS_FLOATS: u64 = 4;
+
+/// Zeroes both histograms.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Clear {
+    /// The histograms.
+    pub histograms: BufferId,
+}
+
+impl Kernel for Clear {
+    fn contract(&self, _: Variants) -> &'static Contract {
+        &contracts::STATS_CLEAR
+    }
+
+    fn groups(&self, _: Variants) -> [u32; 3] {
+        groups((2 * BINS).div_ceil(256), 1)
+    }
+
+    fn push(&self, at: &Addresses) -> PushBytes {
+        PushBytes::new(&StatsClearPush { histograms: at.of(self.histograms), count: 2 * BINS, unused: 0 })
+    }
+
+    fn traffic(&self, _: u64) -> Traffic {
+        Traffic { reads: vec![], writes: vec![(self.histograms, HISTOGRAM_BYTES)] }
+    }
+}
+
+/// Counts luminances and depths.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Histogram {
+    /// The histograms.
+    pub histograms: BufferId,
+    /// Size of the frame in pixels.
+    pub width: u32,
+    /// Size of the frame in pixels.
+    pub height: u32,
+}
+
+impl Kernel for Histogram {
+    fn contract(&self, variants: Variants) -> &'static Contract {
+        if variants.images { &contracts::STATS_HISTOGRAM_IMAGE } else { &contracts::STATS_HISTOGRAM }
+    }
+
+    fn groups(&self, _: Variants) -> [u32; 3] {
+        groups((self.width * self.height).div_ceil(64), 1)
+    }
+
+    fn push(&self, at: &Addresses) -> PushBytes {
+        PushBytes::new(&StatsHistogramPush {
+            color: at.color.address,
+            depth: at.depth.address,
+            histograms: at.of(self.histograms),
+            color_offset: at.color.offset,
+            color_pixel: at.color.pixel,
+            color_row: at.color.row,
+            color_channel: at.color.channel,
+            depth_offset: at.depth.offset,
+            depth_pixel: at.depth.pixel,
+            depth_row: at.depth.row,
+            width: self.width,
+            height: self.height,
+            flags: color_flags(&at.color) | depth_flags(&at.depth),
+        })
+    }
+
+    fn traffic(&self, _: u64) -> Traffic {
+        Traffic { reads: vec![], writes: vec![(self.histograms, HISTOGRAM_BYTES)] }
+    }
+}
+
+/// Median luminance and depth scale.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Select {
+    /// The histograms.
+    pub histograms: BufferId,
+    /// The statistics.
+    pub stats: BufferId,
+}
+
+impl Kernel for Select {
+    fn contract(&self, _: Variants) -> &'static Contract {
+        &contracts::STATS_SELECT
+    }
+
+    fn groups(&self, _: Variants) -> [u32; 3] {
+        [2, 1, 1]
+    }
+
+    fn push(&self, at: &Addresses) -> PushBytes {
+        PushBytes::new(&StatsSelectPush { histograms: at.of(self.histograms), stats: at.of(self.stats) })
+    }
+
+    fn traffic(&self, _: u64) -> Traffic {
+        Traffic { reads: vec![(self.histograms, HISTOGRAM_BYTES)], writes: vec![(self.stats, 8)] }
+    }
+}
+
+/// Log-luminance of every 8x8 tile of the unpadded frame; below -1e30 where a tile has no light.
+#[derive(Clone, Debug, PartialEq)]
+pub struct TileMeans {
+    /// The statistics.
+    pub stats: BufferId,
+    /// One float per tile.
+    pub dst: BufferId,
+    /// Size of the frame in pixels.
+    pub width: u32,
+    /// Size of the frame in pixels.
+    pub height: u32,
+}
+
+impl TileMeans {
+    /// Tiles of the frame, partial ones included.
+    pub fn tiles(&self) -> u32 {
+        self.width.div_ceil(TILE) * self.height.div_ceil(TILE)
+    }
+}
+
+impl Kernel for TileMeans {
+    fn contract(&self, variants: Variants) -> &'static Contract {
+        if variants.images { &contracts::STATS_TILES_IMAGE } else { &contracts::STATS_TILES }
+    }
+
+    fn groups(&self, _: Variants) -> [u32; 3] {
+        groups(self.tiles().div_ceil(64), 1)
+    }
+
+    fn push(&self, at: &Addresses) -> PushBytes {
+        PushBytes::new(&StatsTilesPush {
+            color: at.color.address,
+            stats: at.of(self.stats),
+            dst: at.of(self.dst),
+            color_offset: at.color.offset,
+            color_pixel: at.color.pixel,
+            color_row: at.color.row,
+            color_channel: at.color.channel,
+            width: self.width,
+            height: self.height,
+            tiles_x: self.width.div_ceil(TILE),
+            tile_count: self.tiles(),
+            flags: color_flags(&at.color),
+            unused: 0,
+        })
+    }
+
+    fn traffic(&self, _: u64) -> Traffic {
+        Traffic { reads: vec![(self.stats, 4)], writes: vec![(self.dst, u64::from(self.tiles()) * 4)] }
+    }
+}
+
+/// Key and exposure.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Key {
+    /// The tiles' log-luminances.
+    pub src: BufferId,
+    /// How many.
+    pub tiles: u32,
+    /// The statistics.
+    pub stats: BufferId,
+}
+
+impl Kernel for Key {
+    fn contract(&self, _: Variants) -> &'static Contract {
+        &contracts::STATS_KEY
+    }
+
+    fn groups(&self, _: Variants) -> [u32; 3] {
+        [1, 1, 1]
+    }
+
+    fn push(&self, at: &Addresses) -> PushBytes {
+        PushBytes::new(&StatsKeyPush {
+            src: at.of(self.src),
+            stats: at.of(self.stats),
+            tile_count: self.tiles,
+            fixed_exposure: at.exposure.unwrap_or(0.0),
+        })
+    }
+
+    fn traffic(&self, _: u64) -> Traffic {
+        Traffic { reads: vec![(self.src, u64::from(self.tiles) * 4)], writes: vec![(self.stats, 8)] }
+    }
+}

@@ -1,0 +1,69 @@
+//! Joint self-attention in windows of 8x8 tokens.
+
+use super::contract::Contract;
+use super::contracts::{self, WindowAttentionPush};
+use super::{Addresses, BufferId, Kernel, PushBytes, TILE, Tiles, Traffic, Variants, View, groups};
+
+/// Head by head: `softmax((Q K^T / sqrt(d) + B) * (Qf Kf^T / sqrt(d) + B)) V`, the product element by element.
+#[derive(Clone, Debug, PartialEq)]
+pub struct WindowAttention {
+    /// `[Q | K | V]`, each head-major.
+    pub x: View,
+    /// `[Qf | Kf]`, each head-major.
+    pub f: View,
+    /// Packed bias table: 228 values a head, entry `(dy + 7) * 15 + dx + 7`, query minus key position; 3 of padding.
+    pub bias: BufferId,
+    /// The attended values, head-major.
+    pub dst: View,
+    /// Heads.
+    pub heads: u32,
+    /// Channels of Q and K per head (d), a multiple of four.
+    pub key_width: u32,
+    /// Channels of V per head, a multiple of four.
+    pub value_width: u32,
+    /// Windows of the map.
+    pub tiles: Tiles,
+}
+
+impl Kernel for WindowAttention {
+    fn contract(&self, _: Variants) -> &'static Contract {
+        &contracts::WINDOW_ATTENTION
+    }
+
+    fn groups(&self, _: Variants) -> [u32; 3] {
+        groups(self.tiles.count(self.dst.width, self.dst.height), self.heads)
+    }
+
+    fn push(&self, at: &Addresses) -> PushBytes {
+        PushBytes::new(&WindowAttentionPush {
+            x: at.view(&self.x),
+            f: at.view(&self.f),
+            bias: at.of(self.bias),
+            dst: at.view(&self.dst),
+            tiles: at.tiles(&self.tiles),
+            width: self.dst.width,
+            x_stride: self.x.stride / 4,
+            f_stride: self.f.stride / 4,
+            dst_stride: self.dst.stride / 4,
+            heads: self.heads,
+            key_vectors: self.key_width / 4,
+            value_vectors: self.value_width / 4,
+            scale: 1.0 / (self.key_width as f32).sqrt(),
+            tiles_x: self.dst.width / TILE,
+            tile_count: self.tiles.count(self.dst.width, self.dst.height),
+            flags: self.tiles.flag(),
+            unused: 0,
+        })
+    }
+
+    fn traffic(&self, element: u64) -> Traffic {
+        Traffic {
+            reads: vec![
+                (self.x.buffer, self.x.elements() * element),
+                (self.f.buffer, self.f.elements() * element),
+                (self.bias, u64::from(self.heads) * 900),
+            ],
+            writes: vec![(self.dst.buffer, self.dst.elements() * element)],
+        }
+    }
+}

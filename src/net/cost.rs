@@ -1,0 +1,85 @@
+//! What a network costs: parameters, and FLOPs at a size. Convolutions, linears and attention matmuls, two per
+//! multiply-add; no bias, norm or elementwise work.
+
+use super::graph::{Graph, Op, OpKind, Shape, Slice, conv_outputs};
+use std::ops::AddAssign;
+
+/// FLOPs by the form of the operation that does them.
+#[derive(Debug, Clone, Copy, Default, PartialEq, Eq)]
+pub struct Flops {
+    /// Dense 3x3 convolutions.
+    pub dense: u64,
+    /// Linears.
+    pub pointwise: u64,
+    /// Depthwise 3x3 convolutions.
+    pub depthwise: u64,
+    /// The matmuls of attention.
+    pub attention: u64,
+}
+
+impl Flops {
+    /// All forms together.
+    pub fn total(&self) -> u64 {
+        self.dense + self.pointwise + self.depthwise + self.attention
+    }
+}
+
+impl AddAssign for Flops {
+    fn add_assign(&mut self, other: Flops) {
+        self.dense += other.dense;
+        self.pointwise += other.pointwise;
+        self.depthwise += other.depthwise;
+        self.attention += other.attention;
+    }
+}
+
+/// How many numbers the network's weights hold.
+pub fn parameters(graph: &Graph) -> u64 {
+    graph.tensors().iter().map(|t| t.elements()).sum()
+}
+
+/// The work of one frame of `width` x `height` pixels, padded: multiples of [`super::Arch::pad_multiple`].
+pub fn flops(graph: &Graph, width: u32, height: u32) -> Flops {
+    let mut sum = Flops::default();
+    for op in &graph.ops {
+        sum += op_flops(graph, op, width, height);
+    }
+    sum
+}
+
+/// The work of one operation of `graph` on a padded frame of `width` x `height` pixels.
+pub fn op_flops(graph: &Graph, op: &Op, width: u32, height: u32) -> Flops {
+    let tokens = |map: Slice| tokens(graph, map, width, height);
+    let none = Flops::default();
+    match &op.kind {
+        OpKind::Conv3x3 { input, stride, shuffle, output, .. } => {
+            let (step, outputs) = (u64::from(stride * stride), u64::from(conv_outputs(*shuffle, *output)));
+            Flops { dense: 2 * 9 * tokens(*input) / step * u64::from(input.channels) * outputs, ..none }
+        }
+        OpKind::Linear { weight, output, .. } => {
+            let columns = weight.columns.len() as u64;
+            Flops { pointwise: 2 * tokens(*output) * columns * u64::from(output.channels), ..none }
+        }
+        OpKind::Depthwise3x3 { input, .. } => {
+            Flops { depthwise: 2 * 9 * tokens(*input) * u64::from(input.channels), ..none }
+        }
+        OpKind::WindowAttention { heads, key_width, value_width, output, .. } => {
+            // Per query 64 keys: one product each for S_X and S_F, one for the values.
+            let per_query = 64 * u64::from(heads * (2 * key_width + value_width));
+            Flops { attention: 2 * tokens(graph.whole(*output)) * per_query, ..none }
+        }
+        OpKind::FilmVector { input, output, .. } => {
+            let size = u64::from(graph.whole(*input).channels) * u64::from(graph.whole(*output).channels);
+            Flops { pointwise: 2 * size, ..none }
+        }
+        OpKind::LayerNorm { .. } | OpKind::FilmMean { .. } => none,
+    }
+}
+
+/// Tokens of a map on a padded frame of `width` x `height` pixels; 1 for a vector.
+pub(super) fn tokens(graph: &Graph, map: Slice, width: u32, height: u32) -> u64 {
+    match graph.value(map.value).shape {
+        Shape::Map { stride, .. } => u64::from(width / stride) * u64::from(height / stride),
+        Shape::Vector { .. } => 1,
+    }
+}

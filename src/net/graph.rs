@@ -1,0 +1,372 @@
+//! The graph of one network: values (feature maps and vectors) and the operations between them, in the order they run.
+//!
+//! Pure data, free of any image size: a map's extent is the padded frame divided by its stride. Every value is written
+//! before it is read, by one op or, channel range by channel range, by several.
+
+use std::collections::HashSet;
+use std::fmt;
+use std::ops::Range;
+
+use super::arch::{Arch, ArchError};
+use super::unet;
+
+/// Names a [`Value`] of a [`Graph`]: its index in [`Graph::values`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub struct ValueId(pub usize);
+
+/// What a value holds.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Shape {
+    /// A feature map, channels last.
+    Map {
+        /// The side of one token in pixels of the padded frame.
+        stride: u32,
+        /// Channels per token.
+        channels: u32,
+    },
+    /// One vector for the whole image.
+    Vector {
+        /// Its elements.
+        len: u32,
+    },
+}
+
+/// A feature map or a vector.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Value {
+    /// For people: mostly the name of the op that writes it.
+    pub name: String,
+    /// What it holds.
+    pub shape: Shape,
+}
+
+/// A channel range of a map, or a whole vector.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub struct Slice {
+    /// The value it is a part of.
+    pub value: ValueId,
+    /// Its first channel.
+    pub first: u32,
+    /// How many channels.
+    pub channels: u32,
+}
+
+impl Slice {
+    /// Channels `first..first + channels` of this slice.
+    pub(super) fn part(self, first: u32, channels: u32) -> Slice {
+        Slice { first: self.first + first, channels, ..self }
+    }
+}
+
+/// What is applied to every element of a result, last of all.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Activation {
+    /// Nothing.
+    None,
+    /// `max(x, 0)`.
+    Relu,
+    /// `x` where positive, else `0.01 x`.
+    LeakyRelu,
+}
+
+/// Pixel (un)shuffle by 2, applied to a convolution's result.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
+pub enum Shuffle {
+    /// The result as it is.
+    None,
+    /// Pixel `(2y + dy, 2x + dx)`, channel `c` goes to pixel `(y, x)`, channel `c*4 + 2*dy + dx`.
+    Unshuffle,
+    /// The inverse: pixel `(y, x)`, channel `c*4 + 2*dy + dx` goes to pixel `(2y + dy, 2x + dx)`, channel `c`.
+    Shuffle,
+}
+
+/// The weight of a Linear: parts of one input width, stacked along the outputs.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+pub struct LinearWeight {
+    /// The tensors, in the order of the outputs they make.
+    pub parts: Vec<LinearPart>,
+    /// Columns of every part's tensor as it is stored, `[outputs, inputs]`.
+    pub inputs: u32,
+    /// Those of its columns that are used: as many as the op's inputs have channels.
+    pub columns: Range<u32>,
+    /// Whether the parts' `.bias` tensors are added.
+    pub bias: bool,
+}
+
+/// One tensor of a [`LinearWeight`].
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+pub struct LinearPart {
+    /// The tensors are `<prefix>.weight` and `<prefix>.bias`.
+    pub prefix: String,
+    /// Rows of the tensor.
+    pub outputs: u32,
+}
+
+/// What an operation computes. Tensors are named by prefix: `<prefix>.weight` and, where there is one, `<prefix>.bias`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum OpKind {
+    /// 3x3 convolution, zero-padded by 1. With `y` the result plus bias: `y`, or `gamma * y + beta` with `film`; plus
+    /// `residual`; activation; shuffle.
+    Conv3x3 {
+        /// What it reads.
+        input: Slice,
+        /// Tensor prefix; the weight is `[out, in, 3, 3]`.
+        weight: String,
+        /// Whether there is a bias.
+        bias: bool,
+        /// Step between output tokens in input tokens: 1 or 2.
+        stride: u32,
+        /// Applied to the sum.
+        activation: Activation,
+        /// Where the results go. `output` has the shape after it.
+        shuffle: Shuffle,
+        /// A vector `[gamma | beta]`, each as long as the convolution has outputs.
+        film: Option<ValueId>,
+        /// Added before the activation.
+        residual: Option<Slice>,
+        /// What it writes.
+        output: Slice,
+    },
+    /// A matrix applied to every token. With `y` the result plus bias: `y`, or `gamma * y + beta` with `film`; plus
+    /// `residual`; activation.
+    Linear {
+        /// What it reads, side by side: one or two slices of the same stride.
+        inputs: Vec<Slice>,
+        /// The matrix.
+        weight: LinearWeight,
+        /// Applied to the sum.
+        activation: Activation,
+        /// A vector `[gamma | beta]`, each as long as the Linear has outputs.
+        film: Option<ValueId>,
+        /// Added before the activation.
+        residual: Option<Slice>,
+        /// What it writes.
+        output: Slice,
+    },
+    /// 3x3 convolution of each channel by itself, zero-padded by 1, with bias.
+    Depthwise3x3 {
+        /// What it reads.
+        input: Slice,
+        /// Tensor prefix; the weight is `[channels, 1, 3, 3]`.
+        weight: String,
+        /// Applied to the result.
+        activation: Activation,
+        /// What it writes.
+        output: ValueId,
+    },
+    /// Normalises every token over the channels read: mean 0, variance 1 (eps 1e-5), then gain and bias.
+    LayerNorm {
+        /// What it reads.
+        input: Slice,
+        /// Tensor prefix.
+        norm: String,
+        /// What it writes.
+        output: ValueId,
+    },
+    /// Joint attention in windows of 8x8 tokens from the origin, head by head:
+    /// `softmax((Q K^T / sqrt(d) + B) * (Qf Kf^T / sqrt(d) + B)) V`, the product element by element.
+    WindowAttention {
+        /// `[Q | K | V]`, each head-major.
+        x: ValueId,
+        /// `[Qf | Kf]`, each head-major.
+        f: ValueId,
+        /// The tensor `[225, heads]` behind `B`: row `(dy + 7) * 15 + dx + 7`, `(dy, dx)` query minus key position.
+        bias_table: String,
+        /// Heads.
+        heads: u32,
+        /// Channels of Q, K, Qf and Kf per head (d).
+        key_width: u32,
+        /// Channels of V per head.
+        value_width: u32,
+        /// The attended values, head-major.
+        output: ValueId,
+    },
+    /// The mean over all real tokens (those that hold a pixel of the unpadded frame) of the layer-normed input.
+    FilmMean {
+        /// What it reads.
+        input: Slice,
+        /// Tensor prefix of the layer norm.
+        norm: String,
+        /// A vector as long as `input` has channels.
+        output: ValueId,
+    },
+    /// A matrix and its bias applied to a vector.
+    FilmVector {
+        /// The mean.
+        input: ValueId,
+        /// Tensor prefix; the weight is `[2C, C]`, the rows for gamma first.
+        weight: String,
+        /// The vector `[gamma | beta]`.
+        output: ValueId,
+    },
+}
+
+/// The part of the network an operation belongs to, for reports.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Hash, PartialOrd, Ord)]
+pub enum Stage {
+    /// The projections of colour and auxiliary features.
+    Input,
+    /// An encoder stage with the Down after it.
+    Encoder(u32),
+    /// The coarsest blocks.
+    Bottleneck,
+    /// A decoder stage with the Up and the skip before it.
+    Decoder(u32),
+    /// Back to three channels at full size.
+    Output,
+}
+
+impl fmt::Display for Stage {
+    fn fmt(&self, out: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Stage::Input => out.pad("input"),
+            Stage::Encoder(i) => out.pad(&format!("enc{i}")),
+            Stage::Bottleneck => out.pad("bottleneck"),
+            Stage::Decoder(i) => out.pad(&format!("dec{i}")),
+            Stage::Output => out.pad("output"),
+        }
+    }
+}
+
+/// One operation.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct Op {
+    /// A name no other op of the graph has, such as `enc.1.0.qkv`.
+    pub name: String,
+    /// Where it belongs.
+    pub stage: Stage,
+    /// What it computes.
+    pub kind: OpKind,
+}
+
+/// A tensor that the network's weights must hold.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+pub struct TensorSpec {
+    /// Its name in a weights file.
+    pub name: String,
+    /// Its shape: Linear `[out, in]`, convolution `[out, in, 3, 3]`, depthwise `[channels, 1, 3, 3]`, else `[len]`.
+    pub shape: Vec<u32>,
+}
+
+impl TensorSpec {
+    /// How many numbers it holds.
+    pub fn elements(&self) -> u64 {
+        self.shape.iter().map(|&n| u64::from(n)).product()
+    }
+}
+
+/// A network as values and operations.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Graph {
+    /// What it was built from.
+    pub arch: Arch,
+    /// All values; [`ValueId`] is the index.
+    pub values: Vec<Value>,
+    /// All operations in an order that may run.
+    pub ops: Vec<Op>,
+    /// Input: log1p of the exposed colour, a map of stride 1 and 3 channels.
+    pub color: ValueId,
+    /// Input: albedo 3, normal 3, depth 1, a map of stride 1 and 7 channels.
+    pub aux: ValueId,
+    /// Output: what is added to `color`, a map of stride 1 and 3 channels.
+    pub residual: ValueId,
+}
+
+impl Graph {
+    /// Builds the graph of `arch`.
+    ///
+    /// # Errors
+    /// What [`Arch::validate`] finds.
+    pub fn new(arch: &Arch) -> Result<Graph, ArchError> {
+        arch.validate()?;
+        Ok(unet::build(arch))
+    }
+
+    /// The value `id` names. `id` must come from this graph.
+    pub fn value(&self, id: ValueId) -> &Value {
+        &self.values[id.0]
+    }
+
+    /// All of a value's channels.
+    pub fn whole(&self, id: ValueId) -> Slice {
+        let (Shape::Map { channels, .. } | Shape::Vector { len: channels }) = self.value(id).shape;
+        Slice { value: id, first: 0, channels }
+    }
+
+    /// What `op` reads, weights aside.
+    pub fn reads(&self, op: &Op) -> Vec<Slice> {
+        match &op.kind {
+            OpKind::Conv3x3 { input, film, residual, .. } => {
+                [Some(*input), film.map(|v| self.whole(v)), *residual].into_iter().flatten().collect()
+            }
+            OpKind::Linear { inputs, film, residual, .. } => {
+                inputs.iter().copied().chain(film.map(|v| self.whole(v))).chain(*residual).collect()
+            }
+            OpKind::Depthwise3x3 { input, .. } | OpKind::LayerNorm { input, .. } | OpKind::FilmMean { input, .. } => {
+                vec![*input]
+            }
+            OpKind::WindowAttention { x, f, .. } => vec![self.whole(*x), self.whole(*f)],
+            OpKind::FilmVector { input, .. } => vec![self.whole(*input)],
+        }
+    }
+
+    /// What `op` writes.
+    pub fn writes(&self, op: &Op) -> Slice {
+        match &op.kind {
+            OpKind::Conv3x3 { output, .. } | OpKind::Linear { output, .. } => *output,
+            OpKind::Depthwise3x3 { output, .. }
+            | OpKind::LayerNorm { output, .. }
+            | OpKind::WindowAttention { output, .. }
+            | OpKind::FilmMean { output, .. }
+            | OpKind::FilmVector { output, .. } => self.whole(*output),
+        }
+    }
+
+    /// Every tensor the operations read, each once, in the order of first use.
+    pub fn tensors(&self) -> Vec<TensorSpec> {
+        // Shared weights (a Down acts on X and on F) and partial sums name a tensor more than once.
+        let mut seen = HashSet::new();
+        self.ops.iter().flat_map(|op| self.op_tensors(op)).filter(|t| seen.insert(t.name.clone())).collect()
+    }
+
+    /// The tensors of one operation; a biased one has `<prefix>.bias` after `<prefix>.weight`.
+    fn op_tensors(&self, op: &Op) -> Vec<TensorSpec> {
+        match &op.kind {
+            OpKind::Conv3x3 { input, weight, bias, shuffle, output, .. } => {
+                let outputs = conv_outputs(*shuffle, *output);
+                affine(weight, &[outputs, input.channels, 3, 3], *bias)
+            }
+            OpKind::Linear { weight, .. } => {
+                let part = |p: &LinearPart| affine(&p.prefix, &[p.outputs, weight.inputs], weight.bias);
+                weight.parts.iter().flat_map(part).collect()
+            }
+            OpKind::Depthwise3x3 { input, weight, .. } => affine(weight, &[input.channels, 1, 3, 3], true),
+            OpKind::LayerNorm { input, norm, .. } | OpKind::FilmMean { input, norm, .. } => {
+                affine(norm, &[input.channels], true)
+            }
+            OpKind::WindowAttention { bias_table, heads, .. } => {
+                vec![TensorSpec { name: bias_table.clone(), shape: vec![225, *heads] }]
+            }
+            OpKind::FilmVector { input, weight, output } => {
+                affine(weight, &[self.whole(*output).channels, self.whole(*input).channels], true)
+            }
+        }
+    }
+}
+
+/// The outputs of a convolution before its shuffle.
+pub(crate) fn conv_outputs(shuffle: Shuffle, output: Slice) -> u32 {
+    match shuffle {
+        Shuffle::None => output.channels,
+        Shuffle::Unshuffle => output.channels / 4,
+        Shuffle::Shuffle => output.channels * 4,
+    }
+}
+
+fn affine(prefix: &str, shape: &[u32], bias: bool) -> Vec<TensorSpec> {
+    let mut tensors = vec![TensorSpec { name: format!("{prefix}.weight"), shape: shape.to_vec() }];
+    if bias {
+        tensors.push(TensorSpec { name: format!("{prefix}.bias"), shape: vec![shape[0]] });
+    }
+    tensors
+}

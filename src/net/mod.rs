@@ -1,0 +1,27 @@
+//! What is computed: the architecture as a value, the graph of typed operations it stands for, its weights and its cost.
+//!
+//! ```text
+//! Arch (JSON, ten named ones) --> Graph (values + ops, pure data) --> cost, table: parameters and FLOPs
+//!                                    |
+//!                                    +--> the tensors a weights file must hold --> Weights (checked on loading)
+//! ```
+//!
+//! Nothing here knows of Vulkan or of a device.
+
+pub mod arch;
+mod blocks;
+mod builder;
+pub mod cost;
+pub mod graph;
+mod hashed;
+mod named;
+pub mod table;
+mod unet;
+pub mod weights;
+mod weights_file;
+
+pub use arch::{Arch, ArchError, Block, Bottleneck, Convolution, Decoder, StageSpec};
+pub use graph::{
+    Activation, Graph, LinearPart, LinearWeight, Op, OpKind, Shape, Shuffle, Slice, Stage, TensorSpec, Value, ValueId,
+};
+pub use weights::{DepthRule, ExposureRule, Preprocessing, Tensor, Weights, WeightsError};

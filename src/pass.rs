@@ -1,0 +1,290 @@
+//! A forward pass of one frame size, ready to be recorded.
+
+use crate::denoiser::Exposure;
+use crate::engine::Engine;
+use crate::error::{Error, Result};
+use crate::frame::Extent;
+use crate::kernels::{Addresses, BufferId, PlaneArgs, Variants, contracts};
+use crate::net::weights::ExposureRule;
+use crate::plan::{ELEMENT_BYTES, Place, Plan};
+use crate::record::Recording;
+use crate::renderer::{BufferFrame, ImageFormat, ImageFrame, ImagePlane};
+use crate::vk::Checked;
+use crate::vk::memory::Buffer;
+use crate::vk::pipeline::{Pipeline, descriptor_type};
+use ash::vk;
+use gpu_allocator::MemoryLocation;
+use std::collections::HashMap;
+use std::sync::Arc;
+
+/// The denoiser for one frame size: its plan, and the arena of its feature maps. Made by [`crate::Denoiser::pass`].
+///
+/// `Send` and `Sync`. A renderer makes one when its frame size is known, binds its buffers or images once, and records
+/// every frame. Frames in flight may share it as long as they are submitted to one queue. Drop it (and its bindings) only
+/// when the GPU has finished with it, like any Vulkan object.
+pub struct Pass {
+    engine: Arc<Engine>,
+    plan: Plan,
+    blocks: Vec<Buffer>,
+}
+
+/// The renderer's planes, resolved for a [`Pass`]. `Send` and `Sync`; it must outlive the recorded commands.
+pub struct Binding {
+    // Before the pipelines, whose set layouts it uses.
+    sets: Option<ImageSets>,
+    pipelines: Vec<Arc<Pipeline>>,
+    variants: Variants,
+    extent: Extent,
+    color: PlaneArgs,
+    albedo: PlaneArgs,
+    normal: PlaneArgs,
+    depth: PlaneArgs,
+    output: PlaneArgs,
+}
+
+/// What may change from frame to frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FrameOptions {
+    /// The factor on the colour.
+    pub exposure: Exposure,
+    /// Share of the noisy colour in the result, 0 (all denoised) to 1 (all noisy).
+    pub blend: f32,
+}
+
+impl Default for FrameOptions {
+    fn default() -> Self {
+        Self { exposure: Exposure::Auto, blend: 0.0 }
+    }
+}
+
+impl FrameOptions {
+    pub(crate) fn check(&self) -> Result<()> {
+        if !(0.0..=1.0).contains(&self.blend) {
+            let reason = format!("{}; it must be in [0, 1]", self.blend);
+            return Err(Error::InvalidOption { option: "blend", reason });
+        }
+        match self.exposure {
+            Exposure::Fixed(factor) if !(factor.is_normal() && factor > 0.0) => Err(Error::InvalidOption {
+                option: "exposure",
+                reason: format!("{factor}; a fixed exposure must be a normal number above 0"),
+            }),
+            _ => Ok(()),
+        }
+    }
+}
+
+impl Pass {
+    pub(crate) fn new(engine: &Arc<Engine>, extent: Extent) -> Result<Self> {
+        let plan = engine.plan(extent)?;
+        let (bytes, heap) = (plan.bytes(), engine.device.caps().memory_bytes);
+        if bytes > heap {
+            return Err(Error::FrameTooLarge {
+                width: extent.width,
+                height: extent.height,
+                reason: format!("it needs {bytes} bytes of device memory, the device has {heap}"),
+            });
+        }
+        let block = |(i, &bytes): (usize, &u64)| {
+            Buffer::new(&engine.device, &format!("arena {i}"), bytes, MemoryLocation::GpuOnly)
+        };
+        let blocks = plan.blocks.iter().enumerate().map(block).collect::<Result<_>>()?;
+        Ok(Self { engine: Arc::clone(engine), plan, blocks })
+    }
+
+    /// The plan, for reports.
+    pub fn plan(&self) -> &Plan {
+        &self.plan
+    }
+
+    /// Resolves a frame in the renderer's buffers. Not for the frame's hot path: it may compile kernels.
+    ///
+    /// # Errors
+    /// [`Error::PlaneMismatch`], [`Error::Binding`], [`Error::Vulkan`].
+    ///
+    /// # Safety
+    /// The buffers are valid, as their fields say, and belong to the device.
+    pub unsafe fn bind_buffers(&self, frame: &BufferFrame) -> Result<Binding> {
+        let (device, extent) = (&self.engine.device, self.plan.extent);
+        // SAFETY: the caller vouches for the buffers.
+        let resolve = |plane: Option<&crate::renderer::BufferPlane>, name, channels| unsafe {
+            plane.map_or(Ok(PlaneArgs::default()), |plane| plane.resolve(device, name, extent, channels))
+        };
+        // SAFETY: the caller vouches for the buffers.
+        let output = unsafe { frame.output.resolve_output(device, extent)? };
+        let mut binding = Binding {
+            sets: None,
+            pipelines: Vec::new(),
+            variants: Variants { output_half: output.half, ..self.engine.variants() },
+            extent,
+            color: resolve(Some(&frame.color), "colour", 3)?,
+            albedo: resolve(frame.albedo.as_ref(), "albedo", 3)?,
+            normal: resolve(frame.normal.as_ref(), "normal", 3)?,
+            depth: resolve(frame.depth.as_ref(), "depth", 1)?,
+            output,
+        };
+        binding.pipelines = self.engine.pipelines.for_dispatches(&self.plan.dispatches, binding.variants)?;
+        Ok(binding)
+    }
+
+    /// Resolves a frame in the renderer's images. Not for the frame's hot path: it may compile kernels and makes
+    /// descriptor sets, which are never updated afterwards.
+    ///
+    /// # Errors
+    /// [`Error::PlaneMismatch`], [`Error::Binding`], [`Error::Vulkan`].
+    ///
+    /// # Safety
+    /// The views are valid, as their fields say, belong to the device, and live as long as the binding.
+    pub unsafe fn bind_images(&self, frame: &ImageFrame) -> Result<Binding> {
+        frame.check(self.plan.extent)?;
+        let args = |plane: Option<&ImagePlane>| PlaneArgs {
+            present: plane.is_some(),
+            half: plane.is_some_and(|p| p.format == ImageFormat::Rgba16F),
+            ..PlaneArgs::default()
+        };
+        let output_half = frame.output.format == ImageFormat::Rgba16F;
+        let variants = Variants { images: true, output_half, ..self.engine.variants() };
+        Ok(Binding {
+            // SAFETY: the caller vouches for the views.
+            sets: Some(unsafe { ImageSets::new(&self.engine, frame, variants)? }),
+            pipelines: self.engine.pipelines.for_dispatches(&self.plan.dispatches, variants)?,
+            variants,
+            extent: self.plan.extent,
+            color: args(Some(&frame.color)),
+            albedo: args(frame.albedo.as_ref()),
+            normal: args(frame.normal.as_ref()),
+            depth: args(frame.depth.as_ref()),
+            output: args(Some(&frame.output)),
+        })
+    }
+
+    /// Records the pass into the renderer's command buffer. It does not submit, wait, allocate or update anything.
+    ///
+    /// * Before: the renderer has made its writes to the input planes visible to
+    ///   `VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT` / `VK_ACCESS_SHADER_READ_BIT`, and ordered earlier uses of the output plane
+    ///   before `COMPUTE_SHADER`. Images are in the layouts that they were bound with.
+    /// * First thing recorded: a barrier from compute to compute over the pass's own arena, so that frames in flight on
+    ///   one queue do not disturb each other.
+    /// * After: the output was written in `COMPUTE_SHADER` with `VK_ACCESS_SHADER_WRITE_BIT`; the renderer puts the barrier
+    ///   that its next use needs. Bound compute pipeline, compute descriptor set 0 and push constants have changed.
+    ///
+    /// # Errors
+    /// [`Error::InvalidOption`]; [`Error::Binding`] where the binding was made for another frame size.
+    ///
+    /// # Safety
+    /// `commands` is recording, belongs to the denoiser's device and to a family with compute, and is outside a render
+    /// pass. The pass, the binding and what it names live until the commands have run. The pass's recordings run on one
+    /// queue.
+    pub unsafe fn record(&self, commands: vk::CommandBuffer, binding: &Binding, options: &FrameOptions) -> Result<()> {
+        options.check()?;
+        if binding.extent != self.plan.extent || binding.pipelines.len() != self.plan.dispatches.len() {
+            let (has, wants) = (binding.extent, self.plan.extent);
+            return Err(Error::Binding(format!(
+                "it was made for {} x {} pixels, the pass is for {} x {}",
+                has.width, has.height, wants.width, wants.height
+            )));
+        }
+        let no_sets = HashMap::new();
+        let recording = Recording {
+            device: &self.engine.device,
+            variants: binding.variants,
+            addresses: Addresses {
+                buffer: &|id| self.address(id),
+                element_bytes: ELEMENT_BYTES,
+                color: binding.color,
+                albedo: binding.albedo,
+                normal: binding.normal,
+                depth: binding.depth,
+                output: binding.output,
+                exposure: match (options.exposure, self.engine.exposure_rule) {
+                    (Exposure::Fixed(factor), _) => Some(factor),
+                    (Exposure::Auto, ExposureRule::Auto) => None,
+                    (Exposure::Auto, ExposureRule::None) => Some(1.0),
+                },
+                blend: options.blend,
+            },
+            pipelines: &binding.pipelines,
+            sets: binding.sets.as_ref().map_or(&no_sets, |sets| &sets.sets),
+        };
+        // SAFETY: the caller vouches for `commands` and for what the binding names; the arena is this pass's own.
+        unsafe { recording.record(commands, &self.plan.dispatches) };
+        Ok(())
+    }
+
+    /// Device address of a buffer of the plan.
+    fn address(&self, id: BufferId) -> u64 {
+        match &self.plan.buffer(id).place {
+            Place::Arena { block, offset } => self.blocks[*block].address() + offset,
+            Place::Weights { offset, .. } => self.engine.weights.address() + offset,
+        }
+    }
+
+    /// The `VkBuffer` and the byte range in which a buffer of the plan lies.
+    pub(crate) fn location(&self, id: BufferId) -> (vk::Buffer, u64, u64) {
+        let buffer = self.plan.buffer(id);
+        match &buffer.place {
+            Place::Arena { block, offset } => (self.blocks[*block].raw(), *offset, buffer.bytes),
+            Place::Weights { offset, .. } => (self.engine.weights.raw(), *offset, buffer.bytes),
+        }
+    }
+}
+
+/// Descriptor sets of the kernels that touch images. Written once.
+struct ImageSets {
+    engine: Arc<Engine>,
+    pool: vk::DescriptorPool,
+    sets: HashMap<&'static str, vk::DescriptorSet>,
+}
+
+impl ImageSets {
+    /// # Safety
+    /// The views are valid and belong to the device.
+    unsafe fn new(engine: &Arc<Engine>, frame: &ImageFrame, variants: Variants) -> Result<Self> {
+        let device = engine.device.raw();
+        let output = if variants.output_half { &contracts::OUTPUT_IMAGE_F16 } else { &contracts::OUTPUT_IMAGE_F32 };
+        // A missing plane is never read, but its descriptor must be valid: the colour stands in.
+        let or_color = |plane: Option<ImagePlane>| plane.unwrap_or(frame.color);
+        let (albedo, normal, depth) = (or_color(frame.albedo), or_color(frame.normal), or_color(frame.depth));
+        let uses = [
+            (&contracts::STATS_HISTOGRAM_IMAGE, vec![frame.color, depth]),
+            (&contracts::STATS_TILES_IMAGE, vec![frame.color]),
+            (&contracts::INPUT_COLOR_IMAGE, vec![frame.color]),
+            (&contracts::INPUT_AUX_IMAGE, vec![albedo, normal, depth]),
+            (output, vec![frame.color, frame.output]),
+        ];
+        let sizes = [vk::DescriptorType::SAMPLED_IMAGE, vk::DescriptorType::STORAGE_IMAGE].map(|ty| {
+            let bindings = uses.iter().flat_map(|(contract, _)| contract.bindings);
+            let count = bindings.filter(|binding| descriptor_type(binding.ty) == ty).count();
+            vk::DescriptorPoolSize::default().ty(ty).descriptor_count(count as u32)
+        });
+        let info = vk::DescriptorPoolCreateInfo::default().max_sets(uses.len() as u32).pool_sizes(&sizes);
+        // SAFETY: the device is alive.
+        let pool = unsafe { device.create_descriptor_pool(&info, None) }.called("vkCreateDescriptorPool")?;
+        let mut made = Self { engine: Arc::clone(engine), pool, sets: HashMap::new() };
+        for (contract, planes) in &uses {
+            let layouts = [engine.pipelines.get(contract)?.set_layout];
+            let info = vk::DescriptorSetAllocateInfo::default().descriptor_pool(pool).set_layouts(&layouts);
+            // SAFETY: pool and layout are of this device; nobody else uses the pool.
+            let sets = unsafe { device.allocate_descriptor_sets(&info) }.called("vkAllocateDescriptorSets")?;
+            let set = sets.first().copied().unwrap_or_default();
+            for ((at, binding), plane) in (0..).zip(contract.bindings).zip(planes) {
+                let image = [vk::DescriptorImageInfo::default().image_view(plane.view).image_layout(plane.layout)];
+                let write = vk::WriteDescriptorSet::default()
+                    .dst_set(set)
+                    .dst_binding(at)
+                    .descriptor_type(descriptor_type(binding.ty))
+                    .image_info(&image);
+                // SAFETY: the set is new, so not in flight; the caller vouches for the views.
+                unsafe { device.update_descriptor_sets(&[write], &[]) };
+            }
+            made.sets.insert(contract.name, set);
+        }
+        Ok(made)
+    }
+}
+
+impl Drop for ImageSets {
+    fn drop(&mut self) {
+        // SAFETY: a binding outlives the commands that use it; its sets go with the pool.
+        unsafe { self.engine.device.raw().destroy_descriptor_pool(self.pool, None) };
+    }
+}

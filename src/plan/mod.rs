@@ -1,0 +1,106 @@
+//! The plan: one network at one frame size as a list of dispatches over buffers. Pure data, no Vulkan: it is printed,
+//! costed, recorded, and computed again on the CPU in f64 from the same list.
+
+mod arena;
+mod hazards;
+mod lower;
+pub mod pack;
+
+use crate::frame::Extent;
+use crate::kernels::{BufferId, Call, Traffic, View};
+use crate::net::graph::Stage;
+use pack::Pack;
+
+pub use lower::{PlanOptions, plan};
+
+/// Where a buffer of the plan lies.
+#[derive(Clone, Debug, PartialEq)]
+pub enum Place {
+    /// In the arena, which buffers of other times share.
+    Arena {
+        /// Which block of the arena.
+        block: usize,
+        /// Bytes from the block's start.
+        offset: u64,
+    },
+    /// Packed weights.
+    Weights {
+        /// What is packed and how.
+        pack: Pack,
+        /// Bytes from the start of the weights.
+        offset: u64,
+    },
+}
+
+/// A buffer of the plan.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Buffer {
+    /// For people: the graph's name of what it holds.
+    pub name: String,
+    /// Size in bytes.
+    pub bytes: u64,
+    /// Where it lies.
+    pub place: Place,
+}
+
+/// One kernel to run.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Dispatch {
+    /// The op that it comes from, e.g. `enc.1.0.qkv`; unique together with its kernel.
+    pub name: String,
+    /// Part of the network.
+    pub stage: Stage,
+    /// Kernel and arguments.
+    pub call: Call,
+    /// Whether it must wait for the dispatches before it.
+    pub barrier: bool,
+    /// Multiplications and additions of the network's own channels ([`crate::net::cost`]).
+    pub flops: u64,
+}
+
+impl Dispatch {
+    /// Memory that it touches.
+    pub fn traffic(&self) -> Traffic {
+        self.call.kernel().traffic(ELEMENT_BYTES)
+    }
+}
+
+/// Bytes of one activation: 32-bit floats.
+pub const ELEMENT_BYTES: u64 = 4;
+
+/// A forward pass.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Plan {
+    /// Size of the frame.
+    pub extent: Extent,
+    /// Size that the network works on: the frame padded right and bottom.
+    pub padded: Extent,
+    /// Everything the dispatches name.
+    pub buffers: Vec<Buffer>,
+    /// What runs, in order.
+    pub dispatches: Vec<Dispatch>,
+    /// Bytes of each block of the arena.
+    pub blocks: Vec<u64>,
+    /// Bytes of all packed weights.
+    pub weights_bytes: u64,
+    /// The network's colour input c.
+    pub log_color: View,
+    /// The network's auxiliary input.
+    pub aux: View,
+    /// The network's result r.
+    pub residual: View,
+    /// The frame's statistics ([`crate::kernels::stats`]).
+    pub stats: BufferId,
+}
+
+impl Plan {
+    /// A buffer of this plan.
+    pub fn buffer(&self, id: BufferId) -> &Buffer {
+        &self.buffers[id.0]
+    }
+
+    /// Device memory of arena and weights, in bytes.
+    pub fn bytes(&self) -> u64 {
+        self.blocks.iter().sum::<u64>() + self.weights_bytes
+    }
+}

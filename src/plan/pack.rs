@@ -1,0 +1,181 @@
+//! How weights lie in device memory: 32-bit, in the order in which a kernel reads them, padded with zeros to what it
+//! computes at once.
+
+use crate::kernels::dense::{TILE_CHANNELS, conv_tile_channels};
+use crate::net::graph::LinearWeight;
+use crate::net::weights::{Weights, WeightsError};
+
+/// Values of a head's bias table, padded.
+pub const BIAS_TABLE_STRIDE: usize = 228;
+const BIAS_TABLE: usize = 225;
+
+/// What one packed buffer holds, by the names of the tensors.
+#[derive(Clone, Debug, PartialEq, Eq, Hash)]
+pub enum Pack {
+    /// `[bias | [output tile][tap][input / 4][4 inputs][tile outputs]]` of a dense 3x3 convolution. With `shuffle` the
+    /// outputs are ordered `[phase][channel]` instead of `4 channel + phase`.
+    Conv3x3 {
+        /// Tensor prefix.
+        weight: String,
+        /// Whether there is a bias tensor.
+        bias: bool,
+        /// The network's input channels.
+        inputs: u32,
+        /// The network's output channels.
+        outputs: u32,
+        /// Whether a pixel shuffle follows.
+        shuffle: bool,
+    },
+    /// The same with one tap.
+    Linear(LinearWeight),
+    /// `[bias | 9 taps]`, each of all channels.
+    Depthwise {
+        /// Tensor prefix.
+        weight: String,
+        /// Channels.
+        channels: u32,
+    },
+    /// `[gain | bias]`.
+    Norm {
+        /// Tensor prefix.
+        norm: String,
+        /// Channels.
+        channels: u32,
+    },
+    /// One table of [`BIAS_TABLE_STRIDE`] values a head.
+    BiasTable {
+        /// The tensor, `[225, heads]`.
+        table: String,
+        /// Heads.
+        heads: u32,
+    },
+    /// `[bias | matrix row by row]`.
+    FilmVector {
+        /// Tensor prefix.
+        weight: String,
+        /// Channels of the mean.
+        inputs: u32,
+        /// Length of the result.
+        outputs: u32,
+    },
+}
+
+impl Pack {
+    /// 32-bit floats that the packed form takes.
+    pub fn len(&self) -> usize {
+        let dense = |inputs: u32, outputs: u32, taps: u32, tile: u32| {
+            let outputs = outputs.next_multiple_of(tile) as usize;
+            outputs + outputs * (taps * inputs.next_multiple_of(4)) as usize
+        };
+        match self {
+            Self::Conv3x3 { inputs, outputs, .. } => dense(*inputs, *outputs, 9, conv_tile_channels(*outputs)),
+            Self::Linear(w) => dense(w.columns.len() as u32, linear_outputs(w), 1, TILE_CHANNELS),
+            Self::Depthwise { channels, .. } => 10 * *channels as usize,
+            Self::Norm { channels, .. } => 2 * *channels as usize,
+            Self::BiasTable { heads, .. } => BIAS_TABLE_STRIDE * *heads as usize,
+            Self::FilmVector { inputs, outputs, .. } => (*outputs * (*inputs + 1)) as usize,
+        }
+    }
+
+    /// Whether nothing is packed.
+    pub fn is_empty(&self) -> bool {
+        self.len() == 0
+    }
+
+    /// Writes the packed form to `out`, which is zeroed and [`Pack::len`] long.
+    ///
+    /// # Errors
+    /// A tensor that the weights lack.
+    pub fn write(&self, weights: &Weights, out: &mut [f32]) -> Result<(), WeightsError> {
+        let tensor = |prefix: &str, name: &str| -> Result<&Vec<f32>, WeightsError> {
+            Ok(&weights.tensor(&format!("{prefix}.{name}"))?.data)
+        };
+        match self {
+            Self::Conv3x3 { weight, bias, inputs, outputs, shuffle } => {
+                let source = tensor(weight, "weight")?;
+                let biases = if *bias { Some(tensor(weight, "bias")?) } else { None };
+                let tile = conv_tile_channels(*outputs) as usize;
+                let (inputs, outputs) = (*inputs as usize, *outputs as usize);
+                // Position among the outputs -> the tensor's row.
+                let row = |n: usize| if *shuffle { n % (outputs / 4) * 4 + n / (outputs / 4) } else { n };
+                let dense = Dense { inputs, outputs, taps: 9, tile };
+                dense.write(out, |n| biases.map_or(0.0, |b| b[row(n)]), |n, k, tap| {
+                    source[(row(n) * inputs + k) * 9 + tap]
+                });
+            }
+            Self::Linear(w) => {
+                let mut rows = Vec::new();
+                for part in &w.parts {
+                    let source = tensor(&part.prefix, "weight")?;
+                    let biases = if w.bias { Some(tensor(&part.prefix, "bias")?) } else { None };
+                    rows.extend((0..part.outputs as usize).map(|row| (source, biases, row)));
+                }
+                let (columns, first) = (w.inputs as usize, w.columns.start as usize);
+                let dense =
+                    Dense { inputs: w.columns.len(), outputs: rows.len(), taps: 1, tile: TILE_CHANNELS as usize };
+                dense.write(
+                    out,
+                    |n| rows[n].1.map_or(0.0, |bias| bias[rows[n].2]),
+                    |n, k, _| rows[n].0[rows[n].2 * columns + first + k],
+                );
+            }
+            Self::Depthwise { weight, channels } => {
+                let channels = *channels as usize;
+                let source = tensor(weight, "weight")?;
+                out[..channels].copy_from_slice(tensor(weight, "bias")?);
+                for (i, value) in out[channels..].iter_mut().enumerate() {
+                    *value = source[i % channels * 9 + i / channels];
+                }
+            }
+            Self::Norm { norm, channels } => {
+                let (gain, bias) = out.split_at_mut(*channels as usize);
+                gain.copy_from_slice(tensor(norm, "weight")?);
+                bias.copy_from_slice(tensor(norm, "bias")?);
+            }
+            Self::BiasTable { table, heads } => {
+                let source = &weights.tensor(table)?.data;
+                for (head, out) in out.chunks_exact_mut(BIAS_TABLE_STRIDE).enumerate() {
+                    for (i, value) in out.iter_mut().take(BIAS_TABLE).enumerate() {
+                        *value = source[i * *heads as usize + head];
+                    }
+                }
+            }
+            Self::FilmVector { weight, outputs, .. } => {
+                let (bias, matrix) = out.split_at_mut(*outputs as usize);
+                bias.copy_from_slice(tensor(weight, "bias")?);
+                matrix.copy_from_slice(tensor(weight, "weight")?);
+            }
+        }
+        Ok(())
+    }
+}
+
+/// Outputs of all parts together.
+pub fn linear_outputs(weight: &LinearWeight) -> u32 {
+    weight.parts.iter().map(|part| part.outputs).sum()
+}
+
+/// The order of `glsl/shared/microkernel.glsl`.
+struct Dense {
+    inputs: usize,
+    outputs: usize,
+    taps: usize,
+    tile: usize,
+}
+
+impl Dense {
+    fn write(&self, out: &mut [f32], bias: impl Fn(usize) -> f32, weight: impl Fn(usize, usize, usize) -> f32) {
+        let padded_outputs = self.outputs.next_multiple_of(self.tile);
+        let padded_inputs = self.inputs.next_multiple_of(4);
+        let (biases, matrix) = out.split_at_mut(padded_outputs);
+        for n in 0..self.outputs {
+            biases[n] = bias(n);
+            for tap in 0..self.taps {
+                for k in 0..self.inputs {
+                    let row = (n / self.tile * self.taps + tap) * padded_inputs + k;
+                    matrix[row * self.tile + n % self.tile] = weight(n, k, tap);
+                }
+            }
+        }
+    }
+}

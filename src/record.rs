@@ -1,0 +1,109 @@
+//! The executor: dispatches into a command buffer.
+
+use crate::error::Result;
+use crate::kernels::contract::Contract;
+use crate::kernels::{Addresses, Variants};
+use crate::plan::Dispatch;
+use crate::vk::device::Device;
+use crate::vk::pipeline::Pipeline;
+use ash::vk;
+use std::collections::HashMap;
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// The pipelines of a device, made when first asked for and kept.
+pub(crate) struct Pipelines {
+    device: Device,
+    made: Mutex<HashMap<&'static str, Arc<Pipeline>>>,
+}
+
+impl Pipelines {
+    pub fn new(device: &Device) -> Self {
+        Self { device: device.clone(), made: Mutex::default() }
+    }
+
+    /// The pipeline of a kernel variant.
+    pub fn get(&self, contract: &'static Contract) -> Result<Arc<Pipeline>> {
+        let mut made = self.made.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(pipeline) = made.get(contract.name) {
+            return Ok(Arc::clone(pipeline));
+        }
+        let pipeline = Arc::new(Pipeline::new(&self.device, contract)?);
+        made.insert(contract.name, Arc::clone(&pipeline));
+        Ok(pipeline)
+    }
+
+    /// One pipeline for each dispatch, in order.
+    pub fn for_dispatches(&self, dispatches: &[Dispatch], variants: Variants) -> Result<Vec<Arc<Pipeline>>> {
+        dispatches.iter().map(|dispatch| self.get(dispatch.call.kernel().contract(variants))).collect()
+    }
+}
+
+/// What a recording needs beside the dispatches.
+pub(crate) struct Recording<'a> {
+    pub device: &'a Device,
+    pub variants: Variants,
+    pub addresses: Addresses<'a>,
+    /// One for each dispatch.
+    pub pipelines: &'a [Arc<Pipeline>],
+    /// Descriptor sets of the kernels that read images, by contract name.
+    pub sets: &'a HashMap<&'static str, vk::DescriptorSet>,
+}
+
+impl Recording<'_> {
+    /// Records the dispatches. It begins with a barrier that makes them wait for every compute shader before, so that
+    /// a pass may be recorded again while its last run is in flight on the same queue.
+    ///
+    /// # Safety
+    /// `commands` is recording, belongs to the device and to a family with compute, outside a render pass; everything
+    /// that the addresses and sets name lives until the commands have run.
+    pub unsafe fn record(&self, commands: vk::CommandBuffer, dispatches: &[Dispatch]) {
+        let device = self.device.raw();
+        let mut bound = vk::Pipeline::null();
+        for (i, (dispatch, pipeline)) in dispatches.iter().zip(self.pipelines).enumerate() {
+            if i == 0 || dispatch.barrier {
+                // SAFETY: the caller vouches for `commands`.
+                unsafe { self.barrier(commands) };
+            }
+            let kernel = dispatch.call.kernel();
+            let [x, y, z] = kernel.groups(self.variants);
+            let push = kernel.push(&self.addresses);
+            // SAFETY: the caller vouches for `commands`; the contract's push constants were checked by the build.
+            unsafe {
+                if pipeline.raw != bound {
+                    device.cmd_bind_pipeline(commands, vk::PipelineBindPoint::COMPUTE, pipeline.raw);
+                    bound = pipeline.raw;
+                }
+                if let Some(set) = self.sets.get(kernel.contract(self.variants).name) {
+                    let point = vk::PipelineBindPoint::COMPUTE;
+                    device.cmd_bind_descriptor_sets(commands, point, pipeline.layout, 0, &[*set], &[]);
+                }
+                let stage = vk::ShaderStageFlags::COMPUTE;
+                device.cmd_push_constants(commands, pipeline.layout, stage, 0, push.as_slice());
+                device.cmd_dispatch(commands, x, y, z);
+            }
+        }
+    }
+
+    /// Compute waits for compute: what was written can be read, what was read can be overwritten.
+    ///
+    /// # Safety
+    /// As [`Recording::record`].
+    unsafe fn barrier(&self, commands: vk::CommandBuffer) {
+        let barrier = [vk::MemoryBarrier::default()
+            .src_access_mask(vk::AccessFlags::SHADER_WRITE)
+            .dst_access_mask(vk::AccessFlags::SHADER_READ | vk::AccessFlags::SHADER_WRITE)];
+        let compute = vk::PipelineStageFlags::COMPUTE_SHADER;
+        // SAFETY: the caller vouches for `commands`.
+        unsafe {
+            self.device.raw().cmd_pipeline_barrier(
+                commands,
+                compute,
+                compute,
+                vk::DependencyFlags::empty(),
+                &barrier,
+                &[],
+                &[],
+            );
+        }
+    }
+}

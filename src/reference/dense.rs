@@ -1,0 +1,73 @@
+//! Twins of the dense kernels ([`crate::kernels::dense`]).
+
+use super::Reference;
+use super::map::Map;
+use super::matrix::Matrix;
+use super::parameters::Parameters;
+use crate::kernels::dense::{Conv3x3, Linear};
+use crate::kernels::{Activation, BufferId, Shuffle, View};
+
+/// `shuffle(act(film(conv3x3(src) + bias) + residual))`.
+pub fn conv3x3(reference: &mut Reference, call: &Conv3x3) {
+    let src = reference.map(&call.src);
+    let mut result = reference.matrix(call.weights).apply(&src, call.stride as usize, call.channels as usize);
+    reference.finish(&mut result, call.film, call.residual.as_ref(), call.activation);
+    let (width, height) = call.result_size();
+    let tiles = reference.tiles(&call.tiles, width, height);
+    reference.store(&result, &call.dst, &tiles, |x, y, channel| match call.shuffle {
+        Shuffle::None => (x, y, channel),
+        Shuffle::Shuffle => (2 * x + channel % 2, 2 * y + channel % 4 / 2, channel / 4),
+        Shuffle::Unshuffle => (x / 2, y / 2, 4 * channel + 2 * (y % 2) + x % 2),
+    });
+}
+
+/// `act(film(W [src | src_b] + bias) + residual)`.
+pub fn linear(reference: &mut Reference, call: &Linear) {
+    let mut src = reference.map(&call.src);
+    if let Some(src_b) = &call.src_b {
+        src = src.beside(&reference.map(src_b));
+    }
+    let mut result = reference.matrix(call.weights).apply(&src, 1, call.dst.channels as usize);
+    reference.finish(&mut result, call.film, call.residual.as_ref(), call.activation);
+    let tiles = reference.tiles(&call.tiles, call.dst.width, call.dst.height);
+    reference.store(&result, &call.dst, &tiles, |x, y, channel| (x, y, channel));
+}
+
+impl Reference<'_> {
+    fn matrix(&self, weights: BufferId) -> &Matrix {
+        match self.parameters(weights) {
+            Parameters::Dense(matrix) => matrix,
+            other => unreachable!("a dense kernel is given {other:?}"),
+        }
+    }
+
+    /// What follows the sum: FiLM, the residual, the activation.
+    fn finish(&self, sums: &mut Map, film: Option<BufferId>, residual: Option<&View>, activation: Activation) {
+        let channels = sums.channels;
+        if let Some(film) = film {
+            let (gamma, beta) = self.buffer(film).split_at(channels);
+            for token in sums.values.chunks_exact_mut(channels) {
+                for ((value, gamma), beta) in token.iter_mut().zip(gamma).zip(beta) {
+                    *value = gamma * *value + beta;
+                }
+            }
+        }
+        if let Some(residual) = residual {
+            for (value, residual) in sums.values.iter_mut().zip(self.map(residual).values) {
+                *value += residual;
+            }
+        }
+        for value in &mut sums.values {
+            *value = activate(activation, *value);
+        }
+    }
+}
+
+/// `max` with NaN passed on, so that what was never written stays visible.
+pub fn activate(activation: Activation, value: f64) -> f64 {
+    match activation {
+        Activation::Relu if value < 0.0 => 0.0,
+        Activation::LeakyRelu if value < 0.0 => 0.01 * value,
+        _ => value,
+    }
+}

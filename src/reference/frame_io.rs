@@ -1,0 +1,229 @@
+//! Twins of the frame's way into the network and out of it ([`crate::kernels::frame_io`]).
+
+use super::Reference;
+use super::map::Map;
+use super::stats::{EXPOSURE, KEY};
+use super::tiles;
+use crate::frame::{Extent, Frame, Plane, Samples};
+use crate::kernels::frame_io::{InputAux, InputColor, Output};
+
+
+/// Exposed colour ends here, and so does an output of halves.
+const LARGEST_HALF: f64 = 65504.0;
+/// Depths from here on are background, in planes of floats and of halves.
+const FAR: f32 = 1e9;
+const FAR_HALF: f32 = 65000.0;
+/// A pixel of more than this many keys is bad.
+const FIREFLY_KEYS: f64 = 1e8;
+
+/// A frame and its settings, planes interleaved.
+#[derive(Debug)]
+pub struct FrameData {
+    extent: Extent,
+    color: Vec<f32>,
+    albedo: Option<Vec<f32>>,
+    normal: Option<Vec<f32>>,
+    depth: Option<Vec<f32>>,
+    far: f32,
+    /// Factor on the colour; `None`: the frame's own.
+    pub exposure: Option<f64>,
+    /// Share of the noisy colour in the output.
+    pub blend: f64,
+    /// Whether the output's samples are halves.
+    pub output_half: bool,
+}
+
+impl FrameData {
+    /// A black frame without features.
+    pub fn black(extent: Extent) -> Self {
+        let color = vec![0.0; 3 * extent.pixels() as usize];
+        let (albedo, normal, depth) = (None, None, None);
+        Self { extent, color, albedo, normal, depth, far: FAR, exposure: None, blend: 0.0, output_half: false }
+    }
+
+    /// The planes of a frame that was checked.
+    pub fn new(frame: &Frame) -> Self {
+        let extent = frame.extent;
+        let packed = |plane: &Plane, channels| {
+            let mut out = vec![0.0; channels * extent.pixels() as usize];
+            plane.pack(extent, channels, &mut out);
+            out
+        };
+        let features = &frame.features;
+        let half_depth = features.depth.is_some_and(|plane| matches!(plane.samples, Samples::F16(_)));
+        Self {
+            color: packed(&frame.color, 3),
+            albedo: features.albedo.map(|plane| packed(&plane, 3)),
+            normal: features.normal.map(|plane| packed(&plane, 3)),
+            depth: features.depth.map(|plane| packed(&plane, 1)),
+            far: if half_depth { FAR_HALF } else { FAR },
+            ..Self::black(extent)
+        }
+    }
+
+    /// The colour of a pixel, if all of it is finite and not negative.
+    fn color(&self, pixel: usize) -> Option<[f32; 3]> {
+        let color = [0, 1, 2].map(|channel| self.color[3 * pixel + channel]);
+        color.iter().all(|c| c.is_finite() && *c >= 0.0).then_some(color)
+    }
+
+    /// The luminance of a valid pixel.
+    pub fn luminance(&self, pixel: usize) -> Option<f32> {
+        self.color(pixel).map(|[r, g, b]| (0.2126 * r + 0.7152 * g + 0.0722 * b).min(f32::MAX))
+    }
+
+    /// A valid depth.
+    pub fn depth(&self, pixel: usize) -> Option<f32> {
+        self.depth.as_ref().map(|plane| plane[pixel]).filter(|&depth| depth > 0.0 && depth < self.far)
+    }
+
+    /// The colour of a pixel, mended: bad ones are the mean of their good neighbours.
+    fn mended(&self, x: usize, y: usize, key: f64) -> [f64; 3] {
+        let (width, height) = (self.extent.width as usize, self.extent.height as usize);
+        let good = |x: usize, y: usize| {
+            let color = self.color(y * width + x)?.map(f64::from);
+            color.iter().all(|&c| c <= FIREFLY_KEYS * key).then_some(color)
+        };
+        good(x, y).unwrap_or_else(|| {
+            let around = |at: usize, end: usize| at.saturating_sub(1)..(at + 2).min(end);
+            let neighbours: Vec<[f64; 3]> =
+                around(y, height).flat_map(|y| around(x, width).filter_map(move |x| good(x, y))).collect();
+            let count = neighbours.len().max(1) as f64;
+            [0, 1, 2].map(|channel| neighbours.iter().map(|color| color[channel]).sum::<f64>() / count)
+        })
+    }
+
+    /// The seven auxiliary channels of a pixel.
+    fn features(&self, pixel: usize, depth_scale: f64) -> [f64; 7] {
+        let three = |plane: &Option<Vec<f32>>, missing: f64, map: fn(f64) -> f64| {
+            [0, 1, 2].map(|channel| {
+                let value = plane.as_ref().map(|plane| plane[3 * pixel + channel]).filter(|v| v.is_finite());
+                value.map_or(missing, |value| map(f64::from(value)).clamp(0.0, 1.0))
+            })
+        };
+        let [r, g, b] = three(&self.albedo, 0.0, |albedo| albedo);
+        let [x, y, z] = three(&self.normal, 0.5, |normal| (normal + 1.0) / 2.0);
+        let depth = self.depth(pixel).map_or(0.0, |depth| (f64::from(depth) / depth_scale).min(1.0));
+        [r, g, b, x, y, z, depth]
+    }
+}
+
+/// `log1p(colour * exposure)`, bad pixels mended, reflected into the padding.
+pub fn input_color(reference: &mut Reference, call: &InputColor) {
+    let stats = reference.buffer(call.stats);
+    let (key, exposure) = (stats[KEY], stats[EXPOSURE]);
+    let frame = &reference.frame;
+    let mut map = Map::zeros(call.dst.width as usize, call.dst.height as usize, call.dst.channels as usize);
+    fill(&mut map, call.width, call.height, |x, y, token| {
+        for (to, color) in token.iter_mut().zip(frame.mended(x, y, key)) {
+            *to = (color * exposure).min(LARGEST_HALF).ln_1p();
+        }
+    });
+    let tiles = reference.tiles(&call.tiles, call.dst.width, call.dst.height);
+    reference.store(&map, &call.dst, &tiles, |x, y, channel| (x, y, channel));
+}
+
+/// Albedo, normal, depth and a zero, reflected into the padding.
+pub fn input_aux(reference: &mut Reference, call: &InputAux) {
+    let depth_scale = reference.buffer(call.stats)[1];
+    let frame = &reference.frame;
+    let mut map = Map::zeros(call.dst.width as usize, call.dst.height as usize, call.dst.channels as usize);
+    fill(&mut map, call.width, call.height, |x, y, token| {
+        token[..7].copy_from_slice(&frame.features(y * call.width as usize + x, depth_scale));
+    });
+    let tiles = reference.tiles(&call.tiles, call.dst.width, call.dst.height);
+    reference.store(&map, &call.dst, &tiles, |x, y, channel| (x, y, channel));
+}
+
+/// `max(expm1(c + r) / exposure, 0)`, mixed with the noisy colour, cropped.
+pub fn output(reference: &mut Reference, call: &Output) {
+    let (residual, log_color) = (reference.map(&call.residual), reference.map(&call.log_color));
+    let exposure = reference.buffer(call.stats)[EXPOSURE];
+    let frame = &reference.frame;
+    let (blend, end) = (frame.blend, if frame.output_half { LARGEST_HALF } else { f64::from(f32::MAX) });
+    let (width, height) = (call.width as usize, call.height as usize);
+    let mut out = std::mem::take(&mut reference.output);
+    out.resize(3 * width * height, f64::NAN);
+    for (x, y) in tiles::tokens(&reference.tiles(&call.tiles, call.width, call.height), width, height) {
+        for channel in 0..3 {
+            let (c, r) = (log_color.token(x, y)[channel], residual.token(x, y)[channel]);
+            let denoised = clamp((c + r).exp_m1() / exposure, end);
+            let noisy = clamp(c.exp_m1() / exposure, end);
+            out[3 * (y * width + x) + channel] = (1.0 - blend) * denoised + blend * noisy;
+        }
+    }
+    reference.output = out;
+}
+
+/// Clamps to [0, end]; NaN stays.
+fn clamp(value: f64, end: f64) -> f64 {
+    if value < 0.0 { 0.0 } else if value > end { end } else { value }
+}
+
+/// Fills every token of a padded map from the pixel that it shows.
+fn fill(map: &mut Map, width: u32, height: u32, mut fill: impl FnMut(usize, usize, &mut [f64])) {
+    let (across, channels) = (map.width, map.channels);
+    for (i, token) in map.values.chunks_exact_mut(channels).enumerate() {
+        fill(reflect(i % across, width as usize), reflect(i / across, height as usize), token);
+    }
+}
+
+/// The pixel that a position beyond the frame's end mirrors, again and again.
+fn reflect(at: usize, size: usize) -> usize {
+    let period = 2 * (size - 1);
+    match at % period.max(1) {
+        at if at < size => at,
+        at => period - at,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::frame::Layout;
+    use half::f16;
+
+    #[test]
+    fn reflection_repeats_no_edge_and_goes_on() {
+        let row = |size| (0..9).map(|i| reflect(i, size)).collect::<Vec<_>>();
+        assert_eq!(row(4), [0, 1, 2, 3, 2, 1, 0, 1, 2]);
+        assert_eq!(row(2), [0, 1, 0, 1, 0, 1, 0, 1, 0]);
+        assert_eq!(row(1), [0; 9]);
+    }
+
+    #[test]
+    fn bad_pixels_take_the_mean_of_their_good_neighbours() {
+        let extent = Extent::new(3, 2);
+        let mut color: Vec<f32> = (0..18).map(|i| i as f32).collect();
+        color[4] = f32::NAN; // Pixel (1, 0).
+        color[9] = -1.0; // Pixel (0, 1).
+        color[17] = 3e9; // Pixel (2, 1), a firefly.
+        let frame = FrameData::new(&Frame {
+            extent,
+            color: Plane::f32(&color, Layout::interleaved(extent, 3)),
+            features: Default::default(),
+        });
+        assert_eq!(frame.mended(0, 0, 1.0), [0.0, 1.0, 2.0]);
+        // The good ones are (0, 0), (2, 0) and (1, 1).
+        assert_eq!(frame.mended(1, 0, 1.0), [6.0, 7.0, 8.0]);
+        assert_eq!(frame.mended(2, 1, 1.0), [9.0, 10.0, 11.0]);
+        assert_eq!(frame.mended(2, 1, 100.0), [15.0, 16.0, 3e9]);
+        assert_eq!(frame.mended(2, 1, 1e-9), [0.0; 3], "nothing around is good");
+    }
+
+    #[test]
+    fn features_are_brought_to_the_unit_interval() {
+        let extent = Extent::new(1, 1);
+        let (albedo, normal, depth) = ([2.0, -1.0, f32::INFINITY], [f32::NAN, -1.0, 0.5], [f16::from_f32(64.0)]);
+        let layout = Layout::interleaved(extent, 3);
+        let mut frame = Frame { extent, color: Plane::f32(&[0.0; 3], layout), features: Default::default() };
+        assert_eq!(FrameData::new(&frame).features(0, 1.0), [0.0, 0.0, 0.0, 0.5, 0.5, 0.5, 0.0]);
+        frame.features.albedo = Some(Plane::f32(&albedo, layout));
+        frame.features.normal = Some(Plane::f32(&normal, layout));
+        frame.features.depth = Some(Plane::f16(&depth, layout));
+        assert_eq!(FrameData::new(&frame).features(0, 256.0), [1.0, 0.0, 0.0, 0.5, 0.0, 0.75, 0.25]);
+        let far = [f16::from_f32(65024.0)];
+        frame.features.depth = Some(Plane::f16(&far, layout));
+        assert_eq!(FrameData::new(&frame).depth(0), None);
+    }
+}

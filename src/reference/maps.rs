@@ -1,0 +1,72 @@
+//! Twins of the kernels that go over a map once ([`crate::kernels::maps`]).
+
+use super::Reference;
+use super::dense::activate;
+use super::map::Map;
+use super::parallel::for_each_row;
+use super::parameters::Parameters;
+use crate::kernels::maps::{Depthwise3x3, LayerNorm};
+
+/// Added to the variance under the root.
+const EPSILON: f64 = 1e-5;
+
+/// `act(depthwise3x3(src) + bias)`.
+pub fn depthwise3x3(reference: &mut Reference, call: &Depthwise3x3) {
+    let src = reference.map(&call.src).bordered();
+    let weights = match reference.parameters(call.weights) {
+        Parameters::Depthwise(weights) => weights,
+        other => unreachable!("depthwise3x3 is given {other:?}"),
+    };
+    let mut result = Map::zeros(src.width - 2, src.height - 2, src.channels);
+    let (width, channels) = (result.width, result.channels);
+    for_each_row(&mut result.values, width * channels, |y, row| {
+        for x in 0..width {
+            let window: [&[f64]; 9] = std::array::from_fn(|tap| src.token(x + tap % 3, y + tap / 3));
+            for (channel, (bias, taps)) in weights.iter().enumerate() {
+                let products = window.iter().zip(taps).map(|(token, tap)| token[channel] * tap);
+                row[x * channels + channel] = activate(call.activation, bias + products.sum::<f64>());
+            }
+        }
+    });
+    let tiles = reference.tiles(&call.tiles, call.dst.width, call.dst.height);
+    reference.store(&result, &call.dst, &tiles, |x, y, channel| (x, y, channel));
+}
+
+/// Every token to mean 0 and variance 1 over its channels, then gain and bias.
+pub fn layer_norm(reference: &mut Reference, call: &LayerNorm) {
+    let mut map = reference.map(&call.src);
+    let weights = match reference.parameters(call.weights) {
+        Parameters::Norm(weights) => weights,
+        other => unreachable!("layer_norm is given {other:?}"),
+    };
+    for token in map.values.chunks_exact_mut(map.channels) {
+        normalise(token, weights);
+    }
+    let tiles = reference.tiles(&call.tiles, call.dst.width, call.dst.height);
+    reference.store(&map, &call.dst, &tiles, |x, y, channel| (x, y, channel));
+}
+
+fn normalise(token: &mut [f64], weights: &[(f64, f64)]) {
+    let count = token.len() as f64;
+    let mean = token.iter().sum::<f64>() / count;
+    let variance = token.iter().map(|value| (value - mean).powi(2)).sum::<f64>() / count;
+    let scale = 1.0 / (variance + EPSILON).sqrt();
+    for (value, (gain, bias)) in token.iter_mut().zip(weights) {
+        *value = (*value - mean) * scale * gain + bias;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_normalised_token() {
+        let mut token = [1.0, 3.0, 5.0, 7.0];
+        normalise(&mut token, &[(1.0, 0.0), (1.0, 0.0), (2.0, 10.0), (1.0, 0.0)]);
+        // Mean 4, variance 5.
+        let unit = 1.0 / 5.00001f64.sqrt();
+        let expected = [-3.0 * unit, -unit, 10.0 + 2.0 * unit, 3.0 * unit];
+        assert!(token.iter().zip(expected).all(|(a, b)| (a - b).abs() < 1e-12), "{token:?}");
+    }
+}

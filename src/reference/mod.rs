@@ -1,0 +1,188 @@
+//! The plan, computed again on the CPU in f64: for every kernel a twin of the same name.
+//!
+//! The twins follow the kernels' definitions, not their shaders: they work on packed maps, read the weights by the
+//! tensors' own names and layout instead of the packed buffers, and keep every value in f64. So a wrong index, a wrong
+//! packing or a lost digit of the device shows as a difference. Values never written are NaN.
+
+mod dense;
+mod film;
+mod frame_io;
+mod map;
+mod maps;
+mod matrix;
+mod parallel;
+mod parameters;
+mod stats;
+mod tiles;
+mod window_attention;
+
+use crate::error::{Error, Result};
+use crate::frame::Frame;
+use crate::kernels::{BufferId, Call, View};
+use crate::net::weights::{Weights, WeightsError};
+use crate::plan::{ELEMENT_BYTES, Place, Plan};
+use frame_io::FrameData;
+use map::Map;
+use parameters::Parameters;
+
+/// Computes a plan in f64.
+#[derive(Debug)]
+pub struct Reference<'a> {
+    plan: &'a Plan,
+    /// By buffer: the weights that it stands for.
+    parameters: Vec<Option<Parameters>>,
+    /// By buffer: its elements, once something has been written to it.
+    buffers: Vec<Vec<f64>>,
+    /// By buffer: the last dispatch that touches it.
+    last_use: Vec<usize>,
+    frame: FrameData,
+    output: Vec<f64>,
+}
+
+impl<'a> Reference<'a> {
+    /// A plan, its weights, and a black frame without features.
+    ///
+    /// # Errors
+    /// [`WeightsError::Missing`] where `weights` are those of another network.
+    pub fn new(plan: &'a Plan, weights: &Weights) -> Result<Self, WeightsError> {
+        let mut parameters = Vec::new();
+        for buffer in &plan.buffers {
+            parameters.push(match &buffer.place {
+                Place::Weights { pack, .. } => Some(Parameters::new(pack, weights)?),
+                Place::Arena { .. } => None,
+            });
+        }
+        let mut last_use = vec![usize::MAX; plan.buffers.len()];
+        for (i, dispatch) in plan.dispatches.iter().enumerate() {
+            let traffic = dispatch.traffic();
+            for (buffer, _) in traffic.reads.iter().chain(&traffic.writes) {
+                last_use[buffer.0] = i;
+            }
+        }
+        for kept in [plan.log_color.buffer, plan.aux.buffer, plan.residual.buffer, plan.stats] {
+            last_use[kept.0] = usize::MAX;
+        }
+        let buffers = vec![Vec::new(); plan.buffers.len()];
+        Ok(Self { plan, parameters, buffers, last_use, frame: FrameData::black(plan.extent), output: Vec::new() })
+    }
+
+    /// The frame to work on, its exposure (`None`: its own) and the share of the noisy colour in the output.
+    ///
+    /// # Errors
+    /// [`Error::EmptyFrame`]; [`Error::PlaneMismatch`], also where the frame is not of the plan's size.
+    pub fn set_frame(&mut self, frame: &Frame, exposure: Option<f64>, blend: f64) -> Result<()> {
+        frame.check()?;
+        if frame.extent != self.plan.extent {
+            let (found, expected) = (frame.extent, self.plan.extent);
+            return Err(Error::PlaneMismatch {
+                plane: "colour",
+                reason: format!("the frame is {found:?}, the plan is for {expected:?}"),
+            });
+        }
+        let output_half = self.frame.output_half;
+        self.frame = FrameData::new(frame);
+        (self.frame.exposure, self.frame.blend, self.frame.output_half) = (exposure, blend, output_half);
+        Ok(())
+    }
+
+    /// Whether the output's samples are halves, so that they end at 65504.
+    pub fn set_output_half(&mut self, half: bool) {
+        self.frame.output_half = half;
+    }
+
+    /// Runs every dispatch. Of the arena only what the plan names itself (inputs, residual, statistics) is kept.
+    pub fn run(&mut self) {
+        for i in 0..self.plan.dispatches.len() {
+            self.run_dispatch(i);
+            for (buffer, &last) in self.buffers.iter_mut().zip(&self.last_use) {
+                if last == i {
+                    *buffer = Vec::new();
+                }
+            }
+        }
+    }
+
+    /// Runs one dispatch of the plan.
+    pub fn run_dispatch(&mut self, index: usize) {
+        self.run_call(&self.plan.dispatches[index].call);
+    }
+
+    /// Runs one kernel over the plan's buffers.
+    pub fn run_call(&mut self, call: &Call) {
+        match call {
+            Call::Conv3x3(k) => dense::conv3x3(self, k),
+            Call::Linear(k) => dense::linear(self, k),
+            Call::Depthwise3x3(k) => maps::depthwise3x3(self, k),
+            Call::LayerNorm(k) => maps::layer_norm(self, k),
+            Call::WindowAttention(k) => window_attention::window_attention(self, k),
+            Call::TokenSum(k) => film::token_sum(self, k),
+            Call::FilmVector(k) => film::film_vector(self, k),
+            Call::StatsClear(k) => stats::clear(self, k),
+            Call::StatsHistogram(k) => stats::histogram(self, k),
+            Call::StatsSelect(k) => stats::select(self, k),
+            Call::StatsTiles(k) => stats::tile_means(self, k),
+            Call::StatsKey(k) => stats::key(self, k),
+            Call::InputColor(k) => frame_io::input_color(self, k),
+            Call::InputAux(k) => frame_io::input_aux(self, k),
+            Call::Output(k) => frame_io::output(self, k),
+        }
+    }
+
+    /// The elements of a buffer: empty if nothing has been written to it yet, or if [`Reference::run`] is past it.
+    pub fn buffer(&self, id: BufferId) -> &[f64] {
+        &self.buffers[id.0]
+    }
+
+    /// Fills a buffer, from its start.
+    pub fn set_buffer(&mut self, id: BufferId, values: &[f64]) {
+        self.buffer_mut(id)[..values.len()].copy_from_slice(values);
+    }
+
+    /// Fills a list of active tiles, each `(x, y)`.
+    pub fn set_tiles(&mut self, id: BufferId, tiles: &[(u32, u32)]) {
+        let entries: Vec<f64> = tiles.iter().map(|(x, y)| f64::from(x | y << 16)).collect();
+        self.set_buffer(id, &entries);
+    }
+
+    /// What a view covers, `[token][channel]`.
+    pub fn view(&self, view: &View) -> Vec<f64> {
+        self.map(view).values
+    }
+
+    /// Fills what a view covers, from `[token][channel]`.
+    pub fn set_view(&mut self, view: &View, values: &[f64]) {
+        let map = Map::new(view.width, view.height, view.channels, values.to_vec());
+        let tiles = tiles::all(view.width, view.height);
+        self.store(&map, view, &tiles, |x, y, channel| (x, y, channel));
+    }
+
+    /// The denoised frame, interleaved RGB. Pixels of tiles that did not run are NaN.
+    pub fn output(&self) -> &[f64] {
+        &self.output
+    }
+
+    fn map(&self, view: &View) -> Map {
+        Map::read(self.buffer(view.buffer), view)
+    }
+
+    /// Writes the listed tiles of `map` to a view, every element where `place` says.
+    fn store(&mut self, map: &Map, view: &View, tiles: &[tiles::Tile], place: impl Fn(usize, usize, usize) -> map::Place) {
+        map.write(self.buffer_mut(view.buffer), view, tiles, place);
+    }
+
+    fn buffer_mut(&mut self, id: BufferId) -> &mut [f64] {
+        let buffer = &mut self.buffers[id.0];
+        if buffer.is_empty() {
+            *buffer = vec![f64::NAN; (self.plan.buffer(id).bytes / ELEMENT_BYTES) as usize];
+        }
+        buffer
+    }
+
+    /// The weights that a buffer stands for. The plan's calls name buffers of the right kind.
+    fn parameters(&self, id: BufferId) -> &Parameters {
+        match &self.parameters[id.0] {
+            Some(parameters) => parameters,
+            None => unreachable!("{} holds no weights", self.plan.buffer(id).name),
+        }
+    }
+}

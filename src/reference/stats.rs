@@ -1,0 +1,138 @@
+//! Twins of the frame's statistics ([`crate::kernels::stats`]).
+//!
+//! Pixels are sorted into bins by their bits, so luminances are 32-bit floats here as they are on the device.
+
+use super::Reference;
+use super::frame_io::FrameData;
+use super::tiles;
+use crate::kernels::stats::{BINS, Clear, Histogram, Key, Select, TileMeans};
+
+/// Positions in the statistics.
+const MEDIAN: usize = 0;
+const DEPTH_SCALE: usize = 1;
+pub const KEY: usize = 2;
+pub const EXPOSURE: usize = 3;
+
+/// What an exposed frame's key becomes, and the key of a black frame.
+const MIDDLE_GREY: f64 = 0.18;
+/// Keys whose exposure is a normal 32-bit float.
+const KEYS: [f64; 2] = [1e-30, 1e36];
+/// What a tile without light has for a logarithm.
+const DARK: f64 = -1e31;
+
+/// Zeroes both histograms.
+pub fn clear(reference: &mut Reference, call: &Clear) {
+    reference.set_buffer(call.histograms, &vec![0.0; 2 * BINS as usize]);
+}
+
+/// Counts luminances above 0 and valid depths.
+pub fn histogram(reference: &mut Reference, call: &Histogram) {
+    let mut bins = reference.buffer(call.histograms).to_vec();
+    let (luminances, depths) = bins.split_at_mut(BINS as usize);
+    for i in 0..call.width as usize * call.height as usize {
+        if let Some(luminance) = reference.frame.luminance(i).filter(|&l| l > 0.0) {
+            luminances[bin(luminance)] += 1.0;
+        }
+        if let Some(depth) = reference.frame.depth(i) {
+            depths[bin(depth)] += 1.0;
+        }
+    }
+    reference.set_buffer(call.histograms, &bins);
+}
+
+/// Median luminance and depth scale.
+pub fn select(reference: &mut Reference, call: &Select) {
+    let (luminances, depths) = reference.buffer(call.histograms).split_at(BINS as usize);
+    let median = quantile(luminances, |count| (count - 1) / 2).unwrap_or(0.0);
+    let depth_scale = quantile(depths, |count| (count - 1) * 999 / 1000).unwrap_or(1.0);
+    reference.set_buffer(call.stats, &[median, depth_scale]);
+}
+
+/// Logarithm of every tile's mean luminance, relative to the median.
+pub fn tile_means(reference: &mut Reference, call: &TileMeans) {
+    let median = reference.buffer(call.stats)[MEDIAN];
+    let (width, height) = (call.width as usize, call.height as usize);
+    let tiles = tiles::all(call.width, call.height);
+    let logs: Vec<f64> = tiles
+        .chunks(1)
+        .map(|tile| tiles::tokens(tile, width, height).map(|(x, y)| y * width + x))
+        .map(|pixels| tile_log(pixels, &reference.frame, median))
+        .collect();
+    reference.set_buffer(call.dst, &logs);
+}
+
+fn tile_log(pixels: impl Iterator<Item = usize>, frame: &FrameData, median: f64) -> f64 {
+    let luminances: Vec<f64> = pixels.filter_map(|i| frame.luminance(i)).map(f64::from).collect();
+    if median == 0.0 || luminances.iter().all(|&luminance| luminance == 0.0) {
+        return DARK;
+    }
+    let sum: f64 = luminances.iter().map(|luminance| (luminance / median).min(64.0)).sum();
+    (sum / luminances.len() as f64).max(1.0 / 1024.0).log2()
+}
+
+/// Key and exposure.
+pub fn key(reference: &mut Reference, call: &Key) {
+    let logs = &reference.buffer(call.src)[..call.tiles as usize];
+    let lit: Vec<f64> = logs.iter().copied().filter(|&log| log > -1e30).collect();
+    let key = if lit.is_empty() {
+        MIDDLE_GREY
+    } else {
+        let mean = lit.iter().sum::<f64>() / lit.len() as f64;
+        (reference.buffer(call.stats)[MEDIAN] * mean.exp2()).clamp(KEYS[0], KEYS[1])
+    };
+    let exposure = reference.frame.exposure.unwrap_or(MIDDLE_GREY / key);
+    let stats = reference.buffer_mut(call.stats);
+    (stats[KEY], stats[EXPOSURE]) = (key, exposure);
+}
+
+/// The upper 16 bits of a non-negative float.
+fn bin(value: f32) -> usize {
+    (value.to_bits() >> 16) as usize
+}
+
+/// The lower bound of a bin; the last finite bin ends with the last finite float.
+fn bound(bin: usize) -> f64 {
+    f64::from(f32::from_bits((bin as u32) << 16).min(f32::MAX))
+}
+
+/// The element of a rank, as if those of a bin lay evenly in it. `rank` is asked with the number of elements.
+fn quantile(bins: &[f64], rank: impl Fn(u64) -> u64) -> Option<f64> {
+    let count = bins.iter().sum::<f64>() as u64;
+    if count == 0 {
+        return None;
+    }
+    let rank = rank(count) as f64;
+    let mut before = 0.0;
+    for (i, &inside) in bins.iter().enumerate() {
+        if before + inside > rank {
+            let share = (rank - before + 0.5) / inside;
+            return Some(bound(i) + (bound(i + 1) - bound(i)) * share);
+        }
+        before += inside;
+    }
+    None
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn elements_lie_evenly_in_their_bin() {
+        let mut bins = vec![0.0; BINS as usize];
+        assert_eq!(quantile(&bins, |count| count / 2), None);
+        bins[bin(1.0)] = 1.0;
+        // The bin of 1 ends at 1 + 1/128.
+        assert_eq!(quantile(&bins, |count| (count - 1) / 2), Some(1.0 + 0.5 / 128.0));
+        bins[bin(2.0)] = 4.0;
+        assert_eq!(quantile(&bins, |count| (count - 1) / 2), Some(2.0 + 1.5 / 4.0 / 64.0));
+    }
+
+    #[test]
+    fn the_last_bin_has_an_end() {
+        let mut bins = vec![0.0; BINS as usize];
+        bins[bin(f32::MAX)] = 1.0;
+        let top = quantile(&bins, |_| 0);
+        assert!(top.is_some_and(|top| top < f64::from(f32::MAX) && top > 3e38), "{top:?}");
+    }
+}

@@ -1,0 +1,46 @@
+//! The tiles that a dispatch works on, as a list.
+
+use super::Reference;
+use crate::kernels::{TILE, Tiles};
+
+/// Position of a tile, in tiles.
+pub type Tile = (usize, usize);
+
+const SIDE: usize = TILE as usize;
+
+/// Every tile of a map.
+pub fn all(width: u32, height: u32) -> Vec<Tile> {
+    let (across, down) = (width.div_ceil(TILE) as usize, height.div_ceil(TILE) as usize);
+    (0..down).flat_map(|y| (0..across).map(move |x| (x, y))).collect()
+}
+
+/// The tokens of some tiles that lie within a map.
+pub fn tokens(tiles: &[Tile], width: usize, height: usize) -> impl Iterator<Item = (usize, usize)> {
+    let range = |tile: usize, end: usize| tile * SIDE..((tile + 1) * SIDE).min(end);
+    tiles.iter().flat_map(move |&(x, y)| range(y, height).flat_map(move |y| range(x, width).map(move |x| (x, y))))
+}
+
+impl Reference<'_> {
+    /// The tiles that a dispatch over a map of this size works on.
+    pub(super) fn tiles(&self, tiles: &Tiles, width: u32, height: u32) -> Vec<Tile> {
+        match *tiles {
+            Tiles::All => all(width, height),
+            Tiles::List { buffer, count } => {
+                let entries = self.buffer(buffer)[..count as usize].iter().map(|&entry| entry as usize);
+                entries.map(|entry| (entry & 0xffff, entry >> 16)).collect()
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn partial_tiles_end_with_the_map() {
+        assert_eq!(all(9, 8), [(0, 0), (1, 0)]);
+        assert_eq!(tokens(&[(1, 0)], 9, 2).collect::<Vec<_>>(), [(8, 0), (8, 1)]);
+        assert_eq!(tokens(&all(19, 21), 19, 21).count(), 19 * 21);
+    }
+}

@@ -1,0 +1,108 @@
+//! Twin of joint window attention ([`crate::kernels::window_attention`]).
+
+use super::Reference;
+use super::map::Map;
+use super::parallel::for_each_row;
+use super::parameters::Parameters;
+use crate::kernels::TILE;
+use crate::kernels::window_attention::WindowAttention;
+
+const SIDE: usize = TILE as usize;
+
+/// Head by head `softmax((Q K^T / sqrt(d) + B) * (Qf Kf^T / sqrt(d) + B)) V`.
+pub fn window_attention(reference: &mut Reference, call: &WindowAttention) {
+    let (x, f) = (reference.map(&call.x), reference.map(&call.f));
+    let tables = match reference.parameters(call.bias) {
+        Parameters::BiasTable(tables) => tables,
+        other => unreachable!("window_attention is given {other:?}"),
+    };
+    let mut result = Map::zeros(x.width, x.height, call.dst.channels as usize);
+    let row_of_windows = result.row_len() * SIDE;
+    for_each_row(&mut result.values, row_of_windows, |window_y, out| {
+        for window_x in 0..x.width / SIDE {
+            for (head, table) in tables.iter().enumerate() {
+                window(&x, &f, call, table, (window_x, window_y, head), out);
+            }
+        }
+    });
+    let tiles = reference.tiles(&call.tiles, call.dst.width, call.dst.height);
+    reference.store(&result, &call.dst, &tiles, |x, y, channel| (x, y, channel));
+}
+
+/// One window and head; `out` is the window's row of the result.
+fn window(
+    x: &Map,
+    f: &Map,
+    call: &WindowAttention,
+    table: &[f64],
+    (window_x, window_y, head): (usize, usize, usize),
+    out: &mut [f64],
+) {
+    let (heads, keys, values) = (call.heads as usize, call.key_width as usize, call.value_width as usize);
+    let token = |map: &'_ Map, i: usize| {
+        let start = (window_y * SIDE + i / SIDE) * map.row_len() + (window_x * SIDE + i % SIDE) * map.channels;
+        start..start + map.channels
+    };
+    let part = |map: &Map, i: usize, first: usize, width: usize| map.values[token(map, i)][first..first + width].to_vec();
+    let cut = |map: &Map, first: usize, width: usize| -> Vec<Vec<f64>> {
+        (0..SIDE * SIDE).map(|i| part(map, i, first + head * width, width)).collect()
+    };
+    let (q, k, v) = (cut(x, 0, keys), cut(x, heads * keys, keys), cut(x, 2 * heads * keys, values));
+    let (qf, kf) = (cut(f, 0, keys), cut(f, heads * keys, keys));
+    let scale = 1.0 / (keys as f64).sqrt();
+    for i in 0..SIDE * SIDE {
+        let score = |j: usize| {
+            let bias = table[bias_index(i, j)];
+            (dot(&q[i], &k[j]) * scale + bias) * (dot(&qf[i], &kf[j]) * scale + bias)
+        };
+        let shares = softmax((0..SIDE * SIDE).map(score).collect());
+        let (token_x, token_y) = (window_x * SIDE + i % SIDE, i / SIDE);
+        let channels = heads * values;
+        let to = &mut out[(token_y * x.width + token_x) * channels + head * values..][..values];
+        for (share, v) in shares.iter().zip(&v) {
+            for (to, v) in to.iter_mut().zip(v) {
+                *to += share * v;
+            }
+        }
+    }
+}
+
+/// Entry of the bias table for a query and a key token of a window.
+fn bias_index(query: usize, key: usize) -> usize {
+    let row = query / SIDE + SIDE - 1 - key / SIDE;
+    let column = query % SIDE + SIDE - 1 - key % SIDE;
+    row * (2 * SIDE - 1) + column
+}
+
+fn dot(a: &[f64], b: &[f64]) -> f64 {
+    a.iter().zip(b).map(|(a, b)| a * b).sum()
+}
+
+fn softmax(mut scores: Vec<f64>) -> Vec<f64> {
+    let highest = scores.iter().copied().fold(f64::NEG_INFINITY, f64::max);
+    for score in &mut scores {
+        *score = (*score - highest).exp();
+    }
+    let sum: f64 = scores.iter().sum();
+    scores.iter().map(|score| score / sum).collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn the_bias_is_that_of_query_minus_key() {
+        assert_eq!(bias_index(0, 0), 7 * 15 + 7);
+        // Query (row 1, column 2), key (row 3, column 7).
+        assert_eq!(bias_index(8 + 2, 3 * 8 + 7), (7 - 2) * 15 + 7 - 5);
+        assert_eq!((bias_index(0, 63), bias_index(63, 0)), (0, 224));
+    }
+
+    #[test]
+    fn shares_survive_scores_of_any_size() {
+        assert_eq!(softmax(vec![1e6, 1e6, -1e6]), [0.5, 0.5, 0.0]);
+        let shares = softmax(vec![0.0, 3f64.ln()]);
+        assert!((shares[0] - 0.25).abs() < 1e-15 && (shares[1] - 0.75).abs() < 1e-15);
+    }
+}

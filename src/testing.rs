@@ -1,0 +1,166 @@
+//! For this crate's own tests and benchmarks: single kernels on a device, with sentinels around every buffer.
+
+use crate::engine;
+use crate::error::Result;
+use crate::kernels::{Addresses, BufferId, Call, PlaneArgs, Variants};
+use crate::net::graph::Stage;
+use crate::plan::{Dispatch, ELEMENT_BYTES};
+use crate::record::{Pipelines, Recording};
+use crate::vk::device::Device;
+use crate::vk::memory::Buffer;
+use crate::vk::submit::Submission;
+use gpu_allocator::MemoryLocation;
+use std::collections::HashMap;
+
+/// Bytes of sentinel before and after every buffer.
+const GUARD: usize = 256;
+/// A NaN of an unlikely payload: what a buffer holds before anything is written.
+pub const SENTINEL: u32 = 0x7fc5_a5a5;
+
+/// Runs calls over buffers that the test made.
+pub struct Bench {
+    submission: Submission,
+    device: Device,
+    pipelines: Pipelines,
+    buffers: Vec<(String, Buffer)>,
+    /// Which kernel variants run.
+    pub variants: Variants,
+    /// Planes of the frame that the calls read and write; [`Bench::plane`] makes them.
+    pub planes: FramePlanes,
+}
+
+/// The frame of a [`Bench`].
+#[derive(Clone, Copy, Debug, Default)]
+pub struct FramePlanes {
+    /// Colour.
+    pub color: PlaneArgs,
+    /// Albedo.
+    pub albedo: PlaneArgs,
+    /// Normal.
+    pub normal: PlaneArgs,
+    /// Depth.
+    pub depth: PlaneArgs,
+    /// Output.
+    pub output: PlaneArgs,
+    /// Fixed exposure.
+    pub exposure: Option<f32>,
+    /// Share of the noisy colour.
+    pub blend: f32,
+}
+
+impl Bench {
+    /// An empty bench.
+    ///
+    /// # Errors
+    /// [`crate::Error::Vulkan`].
+    pub fn new(device: &Device, variants: Variants) -> Result<Self> {
+        Ok(Self {
+            submission: Submission::new(device)?,
+            device: device.clone(),
+            pipelines: Pipelines::new(device),
+            buffers: Vec::new(),
+            variants,
+            planes: FramePlanes::default(),
+        })
+    }
+
+    /// The variants that the engine would take on the device.
+    pub fn default_variants(device: &Device) -> Variants {
+        Variants { broadcast: engine::prefers_broadcast(device), images: false, output_half: false }
+    }
+
+    /// Whether the broadcasting variants run on the device.
+    pub fn can_broadcast(device: &Device) -> bool {
+        engine::can_broadcast(device)
+    }
+
+    /// A buffer of `bytes` (a multiple of 4), filled with [`SENTINEL`], between guards.
+    ///
+    /// # Errors
+    /// [`crate::Error::OutOfMemory`].
+    pub fn buffer(&mut self, name: &str, bytes: u64) -> Result<BufferId> {
+        let size = (bytes as usize).next_multiple_of(GUARD) + 2 * GUARD;
+        let mut buffer = Buffer::new(&self.device, name, size as u64, MemoryLocation::CpuToGpu)?;
+        for word in buffer.bytes_mut().chunks_exact_mut(4) {
+            word.copy_from_slice(&SENTINEL.to_ne_bytes());
+        }
+        self.buffers.push((name.to_owned(), buffer));
+        Ok(BufferId(self.buffers.len() - 1))
+    }
+
+    /// Writes a buffer from its start.
+    pub fn upload(&mut self, id: BufferId, values: &[f32]) {
+        let bytes: &[u8] = bytemuck::cast_slice(values);
+        self.buffers[id.0].1.bytes_mut()[GUARD..GUARD + bytes.len()].copy_from_slice(bytes);
+    }
+
+    /// Reads `len` floats of a buffer from its start.
+    pub fn download(&self, id: BufferId, len: usize) -> Vec<f32> {
+        bytemuck::cast_slice(&self.buffers[id.0].1.bytes()[GUARD..GUARD + 4 * len]).to_vec()
+    }
+
+    /// A plane of 32-bit samples that begins at the buffer's start.
+    pub fn plane(&self, id: BufferId, pixel: u32, row: u32, channel: u32) -> PlaneArgs {
+        let address = self.address(id);
+        PlaneArgs { address, offset: 0, pixel, row, channel, half: false, present: true }
+    }
+
+    /// Whether every guard is whole; `used` gives the bytes in use of each buffer, in order of making.
+    ///
+    /// # Errors
+    /// The name of a buffer that was written outside.
+    pub fn check_guards(&self, used: &[u64]) -> Result<(), String> {
+        for ((name, buffer), used) in self.buffers.iter().zip(used) {
+            let bytes = buffer.bytes();
+            let outside = bytes[..GUARD].chunks_exact(4).chain(bytes[GUARD + *used as usize..].chunks_exact(4));
+            if outside.into_iter().any(|word| word != SENTINEL.to_ne_bytes()) {
+                return Err(format!("{name} was written outside its {used} bytes"));
+            }
+        }
+        Ok(())
+    }
+
+    /// Runs the calls one after another and waits. Returns the device's milliseconds where it has timestamps.
+    ///
+    /// # Errors
+    /// [`crate::Error::Vulkan`], [`crate::Error::DeviceLost`].
+    pub fn run(&mut self, calls: &[Call]) -> Result<Option<f64>> {
+        let dispatch = |call: &Call| Dispatch {
+            name: String::new(),
+            stage: Stage::Input,
+            call: call.clone(),
+            barrier: true,
+            flops: 0,
+        };
+        let dispatches: Vec<_> = calls.iter().map(dispatch).collect();
+        let pipelines = self.pipelines.for_dispatches(&dispatches, self.variants)?;
+        let Self { submission, device, buffers, variants, planes, .. } = self;
+        let recording = Recording {
+            device,
+            variants: *variants,
+            addresses: Addresses {
+                buffer: &|id| buffers[id.0].1.address() + GUARD as u64,
+                element_bytes: ELEMENT_BYTES,
+                color: planes.color,
+                albedo: planes.albedo,
+                normal: planes.normal,
+                depth: planes.depth,
+                output: planes.output,
+                exposure: planes.exposure,
+                blend: planes.blend,
+            },
+            pipelines: &pipelines,
+            sets: &HashMap::new(),
+        };
+        submission.record(|commands| {
+            // SAFETY: the command buffer is ours; the buffers live in `self`, and `run` waits.
+            unsafe { recording.record(commands, &dispatches) };
+            Ok(())
+        })?;
+        submission.run()
+    }
+
+    fn address(&self, id: BufferId) -> u64 {
+        self.buffers[id.0].1.address() + GUARD as u64
+    }
+}

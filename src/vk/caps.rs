@@ -1,0 +1,196 @@
+//! What a device can do, and what the denoiser needs of it.
+
+use ash::vk;
+use std::fmt;
+
+/// What kind of device it is.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub enum DeviceKind {
+    /// A graphics card of its own memory.
+    DiscreteGpu,
+    /// A GPU that shares the host's memory.
+    IntegratedGpu,
+    /// A GPU handed to a virtual machine.
+    VirtualGpu,
+    /// A driver that runs on the CPU, such as lavapipe or SwiftShader.
+    Cpu,
+    /// Anything else.
+    Other,
+}
+
+impl fmt::Display for DeviceKind {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::DiscreteGpu => "discrete GPU",
+            Self::IntegratedGpu => "integrated GPU",
+            Self::VirtualGpu => "virtual GPU",
+            Self::Cpu => "CPU",
+            Self::Other => "other",
+        })
+    }
+}
+
+/// A Vulkan device as the denoiser sees it.
+#[derive(Clone, Debug)]
+pub struct DeviceInfo {
+    /// Position in [`crate::Device::list`].
+    pub index: usize,
+    /// The driver's name for it.
+    pub name: String,
+    /// The driver's name and version.
+    pub driver: String,
+    /// What kind of device it is.
+    pub kind: DeviceKind,
+    /// Vulkan version, e.g. `1.3.230`.
+    pub api_version: String,
+    /// What the denoiser needs and the device lacks, named as in the Vulkan specification. Empty: usable.
+    pub missing: Vec<String>,
+    /// Size of the largest device-local heap in bytes.
+    pub memory_bytes: u64,
+}
+
+/// Limits and optional features that the plan and the kernels are chosen by.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Caps {
+    /// What kind of device it is.
+    pub kind: DeviceKind,
+    /// Largest buffer and largest single allocation, in bytes.
+    pub max_buffer_bytes: u64,
+    /// Bytes of the largest device-local heap.
+    pub memory_bytes: u64,
+    /// Workgroups in x and y of one dispatch.
+    pub max_groups: [u32; 3],
+    /// Invocations of a subgroup.
+    pub subgroup_size: u32,
+    /// `subgroupBroadcast` in compute shaders.
+    pub subgroup_ballot: bool,
+    /// `storageBuffer16BitAccess` (enabled).
+    pub storage16: bool,
+    /// Nanoseconds per timestamp tick; 0 where the queue has no timestamps.
+    pub timestamp_period: f32,
+}
+
+/// What a renderer must enable on its device before it hands it over with [`crate::Device::from_renderer`].
+#[derive(Clone, Debug, PartialEq, Eq)]
+pub struct Requirements {
+    /// Lowest Vulkan version of instance and device: (major, minor).
+    pub api_version: (u32, u32),
+    /// Device extensions to enable. Empty: everything needed is core in that version.
+    pub extensions: Vec<&'static str>,
+    /// Features that must be enabled, named as in `VkPhysicalDevice*Features`.
+    pub features: Vec<&'static str>,
+    /// Features that the denoiser uses when they are enabled.
+    pub optional_features: Vec<&'static str>,
+}
+
+/// The denoiser's requirements. Every Vulkan 1.3 device meets them, and nearly every 1.2 device.
+pub(crate) fn requirements() -> Requirements {
+    Requirements {
+        api_version: (1, 2),
+        extensions: Vec::new(),
+        features: vec!["bufferDeviceAddress"],
+        optional_features: vec!["storageBuffer16BitAccess"],
+    }
+}
+
+/// Smallest limits that the portable kernels live with.
+const MIN_INVOCATIONS: u32 = 256;
+const MIN_SHARED_BYTES: u32 = 32 * 1024;
+const MIN_PUSH_BYTES: u32 = 128;
+
+/// Reads a physical device. `index` is its position in the enumeration.
+pub(crate) fn inspect(instance: &ash::Instance, physical: vk::PhysicalDevice, index: usize) -> (DeviceInfo, Caps) {
+    let mut driver = vk::PhysicalDeviceDriverProperties::default();
+    let mut subgroup = vk::PhysicalDeviceSubgroupProperties::default();
+    let mut maintenance3 = vk::PhysicalDeviceMaintenance3Properties::default();
+    let mut properties =
+        vk::PhysicalDeviceProperties2::default().push_next(&mut subgroup).push_next(&mut maintenance3);
+    // SAFETY: `physical` comes from `instance`; the chained structs live until the call returns.
+    let base = unsafe { instance.get_physical_device_properties(physical) };
+    // The driver's properties are core from 1.2 on; an older device is refused below without asking it.
+    let modern = base.api_version >= vk::API_VERSION_1_2;
+    if modern {
+        properties = properties.push_next(&mut driver);
+    }
+    // SAFETY: as above.
+    unsafe { instance.get_physical_device_properties2(physical, &mut properties) };
+    let (limits, kind) = (base.limits, kind_of(base.device_type));
+
+    let mut features12 = vk::PhysicalDeviceVulkan12Features::default();
+    let mut features11 = vk::PhysicalDeviceVulkan11Features::default();
+    if modern {
+        let mut features =
+            vk::PhysicalDeviceFeatures2::default().push_next(&mut features12).push_next(&mut features11);
+        // SAFETY: as above.
+        unsafe { instance.get_physical_device_features2(physical, &mut features) };
+    }
+    // SAFETY: as above.
+    let memory = unsafe { instance.get_physical_device_memory_properties(physical) };
+    // SAFETY: as above.
+    let families = unsafe { instance.get_physical_device_queue_family_properties(physical) };
+    let memory_bytes = memory
+        .memory_heaps_as_slice()
+        .iter()
+        .filter(|heap| heap.flags.contains(vk::MemoryHeapFlags::DEVICE_LOCAL))
+        .map(|heap| heap.size)
+        .max()
+        .unwrap_or(0);
+
+    let mut missing = Vec::new();
+    let mut need = |ok: bool, what: String| {
+        if !ok {
+            missing.push(what);
+        }
+    };
+    need(modern, format!("Vulkan 1.2 (it has {})", version(base.api_version)));
+    need(features12.buffer_device_address == vk::TRUE, "bufferDeviceAddress".into());
+    let at_least = |name: &str, has: u32, wants: u32| format!("{name} of {wants} (it has {has})");
+    for (name, has, wants) in [
+        ("maxComputeWorkGroupInvocations", limits.max_compute_work_group_invocations, MIN_INVOCATIONS),
+        ("maxComputeWorkGroupSize[0]", limits.max_compute_work_group_size[0], MIN_INVOCATIONS),
+        ("maxComputeSharedMemorySize", limits.max_compute_shared_memory_size, MIN_SHARED_BYTES),
+        ("maxPushConstantsSize", limits.max_push_constants_size, MIN_PUSH_BYTES),
+    ] {
+        need(has >= wants, at_least(name, has, wants));
+    }
+    need(families.iter().any(|f| f.queue_flags.contains(vk::QueueFlags::COMPUTE)), "a compute queue".into());
+
+    let text = |s: Result<&std::ffi::CStr, _>| s.map(|s| s.to_string_lossy().into_owned()).unwrap_or_default();
+    let driver_name = text(driver.driver_name_as_c_str().map_err(|_| ()));
+    let driver_info = text(driver.driver_info_as_c_str().map_err(|_| ()));
+    let info = DeviceInfo {
+        index,
+        name: text(base.device_name_as_c_str().map_err(|_| ())),
+        driver: if driver_info.is_empty() { driver_name } else { format!("{driver_name}, {driver_info}") },
+        kind,
+        api_version: version(base.api_version),
+        missing,
+        memory_bytes,
+    };
+    let caps = Caps {
+        kind,
+        max_buffer_bytes: maintenance3.max_memory_allocation_size,
+        memory_bytes,
+        max_groups: limits.max_compute_work_group_count,
+        subgroup_size: subgroup.subgroup_size,
+        subgroup_ballot: subgroup.supported_stages.contains(vk::ShaderStageFlags::COMPUTE)
+            && subgroup.supported_operations.contains(vk::SubgroupFeatureFlags::BALLOT),
+        storage16: features11.storage_buffer16_bit_access == vk::TRUE,
+        timestamp_period: limits.timestamp_period,
+    };
+    (info, caps)
+}
+
+fn kind_of(ty: vk::PhysicalDeviceType) -> DeviceKind {
+    match ty {
+        vk::PhysicalDeviceType::DISCRETE_GPU => DeviceKind::DiscreteGpu,
+        vk::PhysicalDeviceType::INTEGRATED_GPU => DeviceKind::IntegratedGpu,
+        vk::PhysicalDeviceType::VIRTUAL_GPU => DeviceKind::VirtualGpu,
+        vk::PhysicalDeviceType::CPU => DeviceKind::Cpu,
+        _ => DeviceKind::Other,
+    }
+}
+
+fn version(v: u32) -> String {
+    format!("{}.{}.{}", vk::api_version_major(v), vk::api_version_minor(v), vk::api_version_patch(v))
+}

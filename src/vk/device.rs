@@ -1,0 +1,338 @@
+//! A logical device: our own, without a window, or the renderer's.
+
+use super::Checked;
+use super::caps::{self, Caps, DeviceInfo, Requirements};
+use super::instance::{Messages, OwnedInstance};
+use crate::error::{Error, Result};
+use ash::vk;
+use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
+use std::convert::Infallible;
+use std::mem::ManuallyDrop;
+use std::str::FromStr;
+use std::sync::atomic::AtomicU64;
+use std::sync::{Arc, Mutex, PoisonError};
+
+/// Which device to open.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub enum DeviceSelector {
+    /// The best one: a discrete GPU before an integrated one before a CPU driver; the larger memory on a tie.
+    #[default]
+    Best,
+    /// By position in [`Device::list`].
+    Index(usize),
+    /// By a part of its name or of its driver's, in any case.
+    Name(String),
+}
+
+impl FromStr for DeviceSelector {
+    type Err = Infallible;
+
+    /// `best`, an index, or part of a name.
+    fn from_str(text: &str) -> Result<Self, Infallible> {
+        Ok(match (text, text.parse()) {
+            ("best" | "", _) => Self::Best,
+            (_, Ok(index)) => Self::Index(index),
+            (name, Err(_)) => Self::Name(name.to_owned()),
+        })
+    }
+}
+
+impl DeviceSelector {
+    /// The selector in the environment variable `VKDENOISE_DEVICE`, where that is set.
+    pub fn from_env() -> Option<Self> {
+        let Ok(selector) = std::env::var("VKDENOISE_DEVICE").ok()?.parse();
+        Some(selector)
+    }
+}
+
+/// How to open a device of our own.
+#[derive(Clone, Debug, Default, PartialEq, Eq)]
+pub struct DeviceOptions {
+    /// Which device.
+    pub selector: DeviceSelector,
+    /// Turns the Khronos validation layer on, with synchronisation validation. What it says is in
+    /// [`Device::validation_messages`].
+    pub validation: bool,
+}
+
+/// A renderer's device, as it hands it over.
+#[derive(Clone)]
+pub struct RendererDevice {
+    /// The instance, made for Vulkan 1.2 or later.
+    pub instance: ash::Instance,
+    /// The physical device.
+    pub physical_device: vk::PhysicalDevice,
+    /// The logical device, with everything of [`Device::requirements`] enabled.
+    pub device: ash::Device,
+    /// The family of the queue that the recorded commands will be submitted to. It must support compute.
+    pub queue_family: u32,
+    /// Whether `storageBuffer16BitAccess` was enabled: half-float buffers can then be written.
+    pub storage_buffer_16bit: bool,
+}
+
+/// A Vulkan device that denoisers run on. Cheap to clone; `Send` and `Sync`.
+#[derive(Clone)]
+pub struct Device(Arc<Inner>);
+
+struct Inner {
+    info: DeviceInfo,
+    caps: Caps,
+    raw: ash::Device,
+    allocator: ManuallyDrop<Mutex<Allocator>>,
+    memory_in_use: AtomicU64,
+    queue_family: u32,
+    /// The queue of our own device. A renderer keeps its queues to itself.
+    queue: Option<Mutex<vk::Queue>>,
+    /// Set where the device is ours to destroy.
+    owned: Option<OwnedInstance>,
+}
+
+impl std::fmt::Debug for Device {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.debug_struct("Device").field("info", &self.0.info).finish_non_exhaustive()
+    }
+}
+
+impl Device {
+    /// Every Vulkan device there is, in the loader's order, usable or not ([`DeviceInfo::missing`] says why not).
+    ///
+    /// # Errors
+    /// [`Error::NoLoader`], [`Error::Vulkan`].
+    pub fn list() -> Result<Vec<DeviceInfo>> {
+        let instance = OwnedInstance::new(false)?;
+        Ok(enumerate(&instance)?.into_iter().map(|(_, info, _)| info).collect())
+    }
+
+    /// What a renderer's device must have enabled for [`Device::from_renderer`].
+    pub fn requirements() -> Requirements {
+        caps::requirements()
+    }
+
+    /// Opens a device of our own, without a window.
+    ///
+    /// # Errors
+    /// [`Error::NoLoader`], [`Error::NoDevice`], [`Error::UnknownDevice`], [`Error::Unsupported`], [`Error::Vulkan`].
+    pub fn open(selector: &DeviceSelector) -> Result<Self> {
+        Self::open_with(&DeviceOptions { selector: selector.clone(), validation: false })
+    }
+
+    /// Opens a device of our own with all options.
+    ///
+    /// # Errors
+    /// As [`Device::open`]; [`Error::InvalidOption`] where the validation layer is wanted and not installed.
+    pub fn open_with(options: &DeviceOptions) -> Result<Self> {
+        let instance = OwnedInstance::new(options.validation)?;
+        let mut found = enumerate(&instance)?;
+        let at = select(&found, &options.selector)?;
+        let (physical, info, caps) = found.swap_remove(at);
+        if !info.missing.is_empty() {
+            return Err(Error::Unsupported { device: info.name, missing: info.missing.join(", ") });
+        }
+        // SAFETY: `physical` comes from this instance.
+        let families = unsafe { instance.raw.get_physical_device_queue_family_properties(physical) };
+        // A family that only computes runs beside a desktop's graphics work.
+        let family = families
+            .iter()
+            .enumerate()
+            .filter(|(_, f)| f.queue_flags.contains(vk::QueueFlags::COMPUTE))
+            .min_by_key(|(_, f)| f.queue_flags.contains(vk::QueueFlags::GRAPHICS))
+            .map(|(i, f)| (i as u32, f.timestamp_valid_bits));
+        let Some((queue_family, timestamp_bits)) = family else {
+            return Err(Error::Unsupported { device: info.name, missing: "a compute queue".into() });
+        };
+        let priorities = [1.0];
+        let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(queue_family).queue_priorities(&priorities)];
+        let mut features12 = vk::PhysicalDeviceVulkan12Features::default().buffer_device_address(true);
+        let mut features11 = vk::PhysicalDeviceVulkan11Features::default().storage_buffer16_bit_access(caps.storage16);
+        let create = vk::DeviceCreateInfo::default()
+            .queue_create_infos(&queues)
+            .push_next(&mut features12)
+            .push_next(&mut features11);
+        // SAFETY: the features were reported by this physical device; the pointers outlive the call.
+        let raw = unsafe { instance.raw.create_device(physical, &create, None) }.called("vkCreateDevice")?;
+        // SAFETY: the family and the one queue of it were just created.
+        let queue = unsafe { raw.get_device_queue(queue_family, 0) };
+        let caps = Caps { timestamp_period: if timestamp_bits == 0 { 0.0 } else { caps.timestamp_period }, ..caps };
+        let allocator = match allocator(&instance.raw, physical, &raw) {
+            Ok(allocator) => allocator,
+            Err(error) => {
+                // SAFETY: nothing has been made from the device yet.
+                unsafe { raw.destroy_device(None) };
+                return Err(error);
+            }
+        };
+        Ok(Self(Arc::new(Inner {
+            info,
+            caps,
+            raw,
+            allocator,
+            memory_in_use: AtomicU64::new(0),
+            queue_family,
+            queue: Some(Mutex::new(queue)),
+            owned: Some(instance),
+        })))
+    }
+
+    /// Uses a renderer's device. The library makes its own memory, pipelines and descriptor sets on it and never
+    /// submits or waits: passes are recorded into the renderer's command buffers ([`crate::Denoiser::record`]).
+    ///
+    /// # Errors
+    /// [`Error::Unsupported`] where the physical device cannot run the denoiser at all; [`Error::Vulkan`].
+    ///
+    /// # Safety
+    /// The handles must be valid, belong together and outlive this `Device` and everything made from it; the device
+    /// must have been created with everything of [`Device::requirements`] enabled, and with
+    /// `storageBuffer16BitAccess` where `storage_buffer_16bit` says so.
+    pub unsafe fn from_renderer(renderer: RendererDevice) -> Result<Self> {
+        let RendererDevice { instance, physical_device, device, queue_family, storage_buffer_16bit } = renderer;
+        // SAFETY: the caller vouches for the handles.
+        let physicals = unsafe { instance.enumerate_physical_devices() }.called("vkEnumeratePhysicalDevices")?;
+        let index = physicals.iter().position(|p| *p == physical_device).unwrap_or(0);
+        let (info, caps) = caps::inspect(&instance, physical_device, index);
+        if !info.missing.is_empty() {
+            return Err(Error::Unsupported { device: info.name, missing: info.missing.join(", ") });
+        }
+        // SAFETY: the caller vouches for the handles.
+        let families = unsafe { instance.get_physical_device_queue_family_properties(physical_device) };
+        let family = families.get(queue_family as usize);
+        if !family.is_some_and(|f| f.queue_flags.contains(vk::QueueFlags::COMPUTE)) {
+            let missing = format!("compute on queue family {queue_family}");
+            return Err(Error::Unsupported { device: info.name, missing });
+        }
+        let caps = Caps {
+            storage16: caps.storage16 && storage_buffer_16bit,
+            timestamp_period: if family.is_some_and(|f| f.timestamp_valid_bits > 0) { caps.timestamp_period } else { 0.0 },
+            ..caps
+        };
+        Ok(Self(Arc::new(Inner {
+            info,
+            caps,
+            allocator: allocator(&instance, physical_device, &device)?,
+            raw: device,
+            memory_in_use: AtomicU64::new(0),
+            queue_family,
+            queue: None,
+            owned: None,
+        })))
+    }
+
+    /// What the device is.
+    pub fn info(&self) -> &DeviceInfo {
+        &self.0.info
+    }
+
+    /// Bytes of device memory that the library holds on this device now.
+    pub fn memory_bytes(&self) -> u64 {
+        self.0.memory_in_use.load(std::sync::atomic::Ordering::Relaxed)
+    }
+
+    /// What the validation layer has said since the device was opened: warnings and errors, one string each. Empty
+    /// without validation.
+    pub fn validation_messages(&self) -> Vec<String> {
+        let messages: Option<Messages> = self.0.owned.as_ref().map(OwnedInstance::messages);
+        messages.map_or_else(Vec::new, |m| m.lock().unwrap_or_else(PoisonError::into_inner).clone())
+    }
+
+    pub(crate) fn caps(&self) -> &Caps {
+        &self.0.caps
+    }
+
+    pub(crate) fn raw(&self) -> &ash::Device {
+        &self.0.raw
+    }
+
+    pub(crate) fn allocator(&self) -> &Mutex<Allocator> {
+        &self.0.allocator
+    }
+
+    pub(crate) fn memory_in_use(&self) -> &AtomicU64 {
+        &self.0.memory_in_use
+    }
+
+    pub(crate) fn queue_family(&self) -> u32 {
+        self.0.queue_family
+    }
+
+    pub(crate) fn queue(&self) -> Option<&Mutex<vk::Queue>> {
+        self.0.queue.as_ref()
+    }
+}
+
+impl Drop for Inner {
+    fn drop(&mut self) {
+        // SAFETY: every object made from the device holds a clone of `Device`, so none is left; the allocator must go
+        // before the device, and the instance (a field) goes last.
+        unsafe {
+            ManuallyDrop::drop(&mut self.allocator);
+            if self.owned.is_some() {
+                self.raw.destroy_device(None);
+            }
+        }
+    }
+}
+
+fn allocator(
+    instance: &ash::Instance,
+    physical_device: vk::PhysicalDevice,
+    device: &ash::Device,
+) -> Result<ManuallyDrop<Mutex<Allocator>>> {
+    let desc = AllocatorCreateDesc {
+        instance: instance.clone(),
+        device: device.clone(),
+        physical_device,
+        debug_settings: Default::default(),
+        buffer_device_address: true,
+        allocation_sizes: Default::default(),
+    };
+    let allocator = Allocator::new(&desc).map_err(|e| Error::OutOfMemory {
+        what: "the allocator".into(),
+        bytes: 0,
+        reason: e.to_string(),
+    })?;
+    Ok(ManuallyDrop::new(Mutex::new(allocator)))
+}
+
+type Found = (vk::PhysicalDevice, DeviceInfo, Caps);
+
+fn enumerate(instance: &OwnedInstance) -> Result<Vec<Found>> {
+    // SAFETY: the instance is alive.
+    let physicals = unsafe { instance.raw.enumerate_physical_devices() }.called("vkEnumeratePhysicalDevices")?;
+    let inspect = |(index, physical)| {
+        let (info, caps) = caps::inspect(&instance.raw, physical, index);
+        (physical, info, caps)
+    };
+    Ok(physicals.into_iter().enumerate().map(inspect).collect())
+}
+
+/// Position of the wanted device.
+fn select(found: &[Found], selector: &DeviceSelector) -> Result<usize> {
+    let unknown = |wanted: String| {
+        let names: Vec<_> = found.iter().map(|(_, info, _)| format!("{}: {}", info.index, info.name)).collect();
+        let available = if names.is_empty() { "none".into() } else { names.join(", ") };
+        Error::UnknownDevice { wanted, available }
+    };
+    match selector {
+        DeviceSelector::Index(index) if *index < found.len() => Ok(*index),
+        DeviceSelector::Index(index) => Err(unknown(index.to_string())),
+        DeviceSelector::Name(name) => {
+            let wanted = name.to_lowercase();
+            let matches =
+                |(_, info, _): &Found| format!("{} {}", info.name, info.driver).to_lowercase().contains(&wanted);
+            found.iter().position(matches).ok_or_else(|| unknown(name.clone()))
+        }
+        DeviceSelector::Best => found
+            .iter()
+            .enumerate()
+            .filter(|(_, (_, info, _))| info.missing.is_empty())
+            .min_by_key(|(_, (_, info, _))| (info.kind, std::cmp::Reverse(info.memory_bytes)))
+            .map(|(at, _)| at)
+            .ok_or_else(|| {
+                let lacks: Vec<_> = found
+                    .iter()
+                    .map(|(_, info, _)| format!("{} lacks {}", info.name, info.missing.join(", ")))
+                    .collect();
+                let none = "there is none; install a driver (Debian: mesa-vulkan-drivers)".into();
+                Error::NoDevice(if lacks.is_empty() { none } else { lacks.join("; ") })
+            }),
+    }
+}

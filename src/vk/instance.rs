@@ -1,0 +1,114 @@
+//! The Vulkan loader, an instance of our own, and the validation layer's messages.
+
+use super::Checked;
+use crate::error::{Error, Result};
+use ash::{ext, vk};
+use std::ffi::{CStr, c_void};
+use std::sync::{Arc, Mutex, PoisonError};
+
+const VALIDATION: &CStr = c"VK_LAYER_KHRONOS_validation";
+
+/// What the validation layer said.
+pub(crate) type Messages = Arc<Mutex<Vec<String>>>;
+
+/// An instance of our own. Destroyed when dropped.
+pub(crate) struct OwnedInstance {
+    // Keeps the loader's library open for as long as the instance lives.
+    _entry: ash::Entry,
+    pub raw: ash::Instance,
+    messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
+    /// Boxed so that the messenger's user pointer stays valid wherever the struct moves.
+    messages: Box<Messages>,
+}
+
+impl OwnedInstance {
+    /// Opens the loader and makes a Vulkan 1.2 instance, with the validation layer (and its synchronisation
+    /// validation) when asked for.
+    pub fn new(validation: bool) -> Result<Self> {
+        // SAFETY: loading the system's Vulkan loader; it runs no code of ours.
+        let entry = unsafe { ash::Entry::load() }.map_err(|e| Error::NoLoader(e.to_string()))?;
+        let app = vk::ApplicationInfo::default()
+            .application_name(c"vkdenoise")
+            .engine_name(c"vkdenoise")
+            .api_version(vk::API_VERSION_1_2);
+        let mut layers = Vec::new();
+        let mut extensions = Vec::new();
+        if validation {
+            // SAFETY: plain query of the loader.
+            let present = unsafe { entry.enumerate_instance_layer_properties() }
+                .called("vkEnumerateInstanceLayerProperties")?
+                .iter()
+                .any(|layer| layer.layer_name_as_c_str() == Ok(VALIDATION));
+            if !present {
+                return Err(Error::InvalidOption {
+                    option: "validation",
+                    reason: "VK_LAYER_KHRONOS_validation is not installed (Debian: vulkan-validationlayers)".into(),
+                });
+            }
+            layers.push(VALIDATION.as_ptr());
+            extensions.push(ext::debug_utils::NAME.as_ptr());
+            extensions.push(ext::validation_features::NAME.as_ptr());
+        }
+        let enabled = [vk::ValidationFeatureEnableEXT::SYNCHRONIZATION_VALIDATION];
+        let mut features = vk::ValidationFeaturesEXT::default().enabled_validation_features(&enabled);
+        let mut info = vk::InstanceCreateInfo::default()
+            .application_info(&app)
+            .enabled_layer_names(&layers)
+            .enabled_extension_names(&extensions);
+        if validation {
+            info = info.push_next(&mut features);
+        }
+        // SAFETY: every pointer in `info` outlives the call.
+        let raw = unsafe { entry.create_instance(&info, None) }.called("vkCreateInstance")?;
+        let mut instance = Self { messenger: None, messages: Box::default(), raw, _entry: entry };
+        if validation {
+            let loader = ext::debug_utils::Instance::new(&instance._entry, &instance.raw);
+            let info = vk::DebugUtilsMessengerCreateInfoEXT::default()
+                .message_severity(
+                    vk::DebugUtilsMessageSeverityFlagsEXT::WARNING | vk::DebugUtilsMessageSeverityFlagsEXT::ERROR,
+                )
+                .message_type(
+                    vk::DebugUtilsMessageTypeFlagsEXT::VALIDATION | vk::DebugUtilsMessageTypeFlagsEXT::PERFORMANCE,
+                )
+                .pfn_user_callback(Some(on_message))
+                .user_data((&raw mut *instance.messages).cast());
+            // SAFETY: the user data is boxed in `instance`, which destroys the messenger before it is freed.
+            let messenger = unsafe { loader.create_debug_utils_messenger(&info, None) }
+                .called("vkCreateDebugUtilsMessengerEXT")?;
+            instance.messenger = Some((loader, messenger));
+        }
+        Ok(instance)
+    }
+
+    /// A handle to the validation messages.
+    pub fn messages(&self) -> Messages {
+        Messages::clone(&self.messages)
+    }
+}
+
+impl Drop for OwnedInstance {
+    fn drop(&mut self) {
+        // SAFETY: everything made from the instance holds it alive, so nothing uses it any more.
+        unsafe {
+            if let Some((loader, messenger)) = &self.messenger {
+                loader.destroy_debug_utils_messenger(*messenger, None);
+            }
+            self.raw.destroy_instance(None);
+        }
+    }
+}
+
+unsafe extern "system" fn on_message(
+    _severity: vk::DebugUtilsMessageSeverityFlagsEXT,
+    _types: vk::DebugUtilsMessageTypeFlagsEXT,
+    data: *const vk::DebugUtilsMessengerCallbackDataEXT<'_>,
+    user: *mut c_void,
+) -> vk::Bool32 {
+    // SAFETY: the layer passes valid callback data, and `user` is the boxed Messages of a live instance.
+    unsafe {
+        let text = (*data).message_as_c_str().map(|m| m.to_string_lossy().into_owned()).unwrap_or_default();
+        let messages = &*user.cast::<Messages>();
+        messages.lock().unwrap_or_else(PoisonError::into_inner).push(text);
+    }
+    vk::FALSE
+}

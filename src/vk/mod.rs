@@ -1,0 +1,25 @@
+//! Everything that touches Vulkan: devices, memory, pipelines, submission. `unsafe` lives here and in [`crate::record`].
+
+pub mod caps;
+pub mod device;
+pub mod instance;
+pub mod memory;
+pub mod pipeline;
+pub mod submit;
+
+use crate::error::{Error, Result};
+use ash::vk;
+
+/// Turns a failed Vulkan call into the crate's error, with the name of the call.
+pub(crate) trait Checked<T> {
+    fn called(self, call: &'static str) -> Result<T>;
+}
+
+impl<T> Checked<T> for Result<T, vk::Result> {
+    fn called(self, call: &'static str) -> Result<T> {
+        self.map_err(|result| match result {
+            vk::Result::ERROR_DEVICE_LOST => Error::DeviceLost,
+            result => Error::Vulkan { call, result },
+        })
+    }
+}

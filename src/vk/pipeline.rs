@@ -1,0 +1,95 @@
+//! Compute pipelines, one for each kernel variant that a plan uses.
+
+use super::Checked;
+use super::device::Device;
+use crate::error::Result;
+use crate::kernels::contract::{BindingType, Contract};
+use ash::vk;
+
+/// A compiled kernel. Destroyed when dropped.
+pub(crate) struct Pipeline {
+    device: Device,
+    pub raw: vk::Pipeline,
+    pub layout: vk::PipelineLayout,
+    /// Layout of set 0; null for kernels without descriptors.
+    pub set_layout: vk::DescriptorSetLayout,
+}
+
+impl Pipeline {
+    /// Builds the variant that `contract` describes.
+    pub fn new(device: &Device, contract: &Contract) -> Result<Self> {
+        let vk_device = device.raw();
+        let mut pipeline = Self {
+            device: device.clone(),
+            raw: vk::Pipeline::null(),
+            layout: vk::PipelineLayout::null(),
+            set_layout: vk::DescriptorSetLayout::null(),
+        };
+        let bindings: Vec<_> = contract
+            .bindings
+            .iter()
+            .zip(0..)
+            .map(|(binding, at)| {
+                vk::DescriptorSetLayoutBinding::default()
+                    .binding(at)
+                    .descriptor_type(descriptor_type(binding.ty))
+                    .descriptor_count(1)
+                    .stage_flags(vk::ShaderStageFlags::COMPUTE)
+            })
+            .collect();
+        let mut set_layouts = Vec::new();
+        if !bindings.is_empty() {
+            let info = vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings);
+            // SAFETY: the device is alive and `info` outlives the call.
+            pipeline.set_layout = unsafe { vk_device.create_descriptor_set_layout(&info, None) }
+                .called("vkCreateDescriptorSetLayout")?;
+            set_layouts.push(pipeline.set_layout);
+        }
+        let ranges = [vk::PushConstantRange::default()
+            .stage_flags(vk::ShaderStageFlags::COMPUTE)
+            .size(contract.push_size())];
+        let info = vk::PipelineLayoutCreateInfo::default().set_layouts(&set_layouts).push_constant_ranges(&ranges);
+        // SAFETY: as above.
+        pipeline.layout = unsafe { vk_device.create_pipeline_layout(&info, None) }.called("vkCreatePipelineLayout")?;
+
+        let words = crate::kernels::spirv::words(contract.name);
+        let info = vk::ShaderModuleCreateInfo::default().code(words);
+        // SAFETY: `words` is SPIR-V that the build compiled and validated.
+        let module = unsafe { vk_device.create_shader_module(&info, None) }.called("vkCreateShaderModule")?;
+        let stage = vk::PipelineShaderStageCreateInfo::default()
+            .stage(vk::ShaderStageFlags::COMPUTE)
+            .module(module)
+            .name(c"main");
+        let info = vk::ComputePipelineCreateInfo::default().stage(stage).layout(pipeline.layout);
+        // SAFETY: module and layout are alive.
+        let made = unsafe { vk_device.create_compute_pipelines(vk::PipelineCache::null(), &[info], None) };
+        // SAFETY: a module may go once its pipelines are made.
+        unsafe { vk_device.destroy_shader_module(module, None) };
+        pipeline.raw = made
+            .map_err(|(_, result)| result)
+            .called("vkCreateComputePipelines")?
+            .first()
+            .copied()
+            .unwrap_or_default();
+        Ok(pipeline)
+    }
+}
+
+pub(crate) fn descriptor_type(ty: BindingType) -> vk::DescriptorType {
+    match ty {
+        BindingType::SampledImage => vk::DescriptorType::SAMPLED_IMAGE,
+        BindingType::StorageImage => vk::DescriptorType::STORAGE_IMAGE,
+    }
+}
+
+impl Drop for Pipeline {
+    fn drop(&mut self) {
+        let device = self.device.raw();
+        // SAFETY: owners wait for the device to be done before they drop a pipeline; destroying null handles is allowed.
+        unsafe {
+            device.destroy_pipeline(self.raw, None);
+            device.destroy_pipeline_layout(self.layout, None);
+            device.destroy_descriptor_set_layout(self.set_layout, None);
+        }
+    }
+}

@@ -1,0 +1,463 @@
+//! OpenEXR files: which layers are found by which names, what a rewritten file keeps, and what bad files do.
+#![cfg(feature = "exr")]
+
+use exr::prelude::*;
+use std::alloc::{GlobalAlloc, Layout as AllocLayout, System};
+use std::path::{Path, PathBuf};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use vkdenoise::exr_io::{ExrError, ExrFrame, FeatureSource, LayerOptions};
+
+/// Remembers the largest single allocation, to catch memory that is asked for on a bad file's word.
+struct Watch;
+static LARGEST: AtomicUsize = AtomicUsize::new(0);
+
+// SAFETY: every call goes to the system allocator unchanged.
+unsafe impl GlobalAlloc for Watch {
+    unsafe fn alloc(&self, layout: AllocLayout) -> *mut u8 {
+        LARGEST.fetch_max(layout.size(), Ordering::Relaxed);
+        unsafe { System.alloc(layout) }
+    }
+    unsafe fn alloc_zeroed(&self, layout: AllocLayout) -> *mut u8 {
+        LARGEST.fetch_max(layout.size(), Ordering::Relaxed);
+        unsafe { System.alloc_zeroed(layout) }
+    }
+    unsafe fn dealloc(&self, pointer: *mut u8, layout: AllocLayout) {
+        unsafe { System.dealloc(pointer, layout) }
+    }
+}
+
+#[global_allocator]
+static WATCH: Watch = Watch;
+
+const SIZE: (usize, usize) = (13, 37);
+
+/// A part: its name (empty for none), its position and its channels. A channel that ends in `:u` is integer, in `:f`
+/// float, else half.
+struct Part<'a> {
+    name: &'a str,
+    position: (i32, i32),
+    channels: &'a str,
+    encoding: Encoding,
+}
+
+impl<'a> Part<'a> {
+    fn new(name: &'a str, channels: &'a str) -> Self {
+        let encoding = Encoding { compression: Compression::ZIP16, ..Encoding::UNCOMPRESSED };
+        Self { name, position: (0, 0), channels, encoding }
+    }
+
+    fn layer(&self) -> Layer<AnyChannels<FlatSamples>> {
+        let channel = |(index, text): (usize, &str)| {
+            let value = |i: usize| ((i * 7 + index * 131 + self.name.len()) % 64) as f32 / 32.0;
+            let all = (0..SIZE.0 * SIZE.1).map(value);
+            match text.split_once(':') {
+                Some((name, "u")) => AnyChannel::new(name, FlatSamples::U32(all.map(|v| (v * 1e9) as u32).collect())),
+                Some((name, _)) => AnyChannel::new(name, FlatSamples::F32(all.collect())),
+                None => AnyChannel::new(text, FlatSamples::F16(all.map(f16::from_f32).collect())),
+            }
+        };
+        let list = self.channels.split_whitespace().enumerate().map(|(i, c)| (i, c)).map(|(i, c)| {
+            let mut channel = channel((i, &c.replace('_', " ")));
+            channel.quantize_linearly = i % 2 == 1;
+            channel
+        });
+        let mut attributes = LayerAttributes::default().with_position(Vec2(self.position.0, self.position.1));
+        attributes.layer_name = (!self.name.is_empty()).then(|| Text::from(self.name));
+        attributes.owner = Some(Text::from("the tests"));
+        attributes.other.insert(Text::from("renderTime"), AttributeValue::F32(12.5));
+        Layer::new(SIZE, attributes, self.encoding, AnyChannels::sort(list.collect()))
+    }
+}
+
+fn write(path: &Path, parts: &[Part]) {
+    let display = ImageAttributes::new(IntegerBounds::new((-3, 2), (100, 50)));
+    let layers: Vec<_> = parts.iter().map(Part::layer).collect();
+    Image::from_layers(display, layers).write().non_parallel().to_file(path).unwrap();
+}
+
+struct Directory(tempfile::TempDir);
+
+impl Directory {
+    fn new() -> Self {
+        Self(tempfile::tempdir().unwrap())
+    }
+
+    fn file(&self, name: &str, parts: &[Part]) -> PathBuf {
+        let path = self.0.path().join(name);
+        write(&path, parts);
+        path
+    }
+
+    fn bytes(&self, name: &str, bytes: &[u8]) -> PathBuf {
+        let path = self.0.path().join(name);
+        std::fs::write(&path, bytes).unwrap();
+        path
+    }
+}
+
+fn read(path: &Path) -> std::result::Result<ExrFrame, ExrError> {
+    ExrFrame::read(path, &LayerOptions::default())
+}
+
+fn named(path: &Path, layer: &str) -> std::result::Result<ExrFrame, ExrError> {
+    ExrFrame::read(path, &LayerOptions { layer: Some(layer.into()), ..LayerOptions::default() })
+}
+
+fn failure(result: std::result::Result<ExrFrame, ExrError>) -> ExrError {
+    result.err().expect("the file should have been refused")
+}
+
+/// Colour, albedo, normal and depth in words, `-` for what is missing.
+fn found(frame: &ExrFrame) -> [String; 4] {
+    let s = frame.selection();
+    let text = |l: &Option<vkdenoise::exr_io::UsedLayer>| l.as_ref().map_or("-".into(), |l| l.to_string());
+    [s.color.to_string(), text(&s.albedo), text(&s.normal), text(&s.depth)]
+}
+
+/// In the channel lists `_` stands for a space.
+#[test]
+fn names_of_common_renderers() {
+    let cases: &[(&str, [&str; 4])] = &[
+        ("R G B", ["R/G/B", "-", "-", "-"]),
+        ("r g b a", ["r/g/b", "-", "-", "-"]),
+        ("Y", ["Y", "-", "-", "-"]),
+        ("Y A albedo.R albedo.G albedo.B", ["Y", "albedo.R/G/B", "-", "-"]),
+        // Mitsuba 3, with the default and with other names of its AOVs.
+        (
+            "R G B A albedo.R albedo.G albedo.B sh_normal.X sh_normal.Y sh_normal.Z depth.T geo_normal.X geo_normal.Y geo_normal.Z",
+            ["R/G/B", "albedo.R/G/B", "sh normal.X/Y/Z", "depth.T"],
+        ),
+        ("R G B nn.X nn.Y nn.Z dd.y.T pos.X pos.Y pos.Z", ["R/G/B", "-", "nn.X/Y/Z", "dd.y.T"]),
+        ("R G B dd.y uv.U uv.V", ["R/G/B", "-", "-", "dd.y"]),
+        // pbrt-v4: N is geometric, P is not depth.
+        (
+            "R G B Albedo.R Albedo.G Albedo.B N.X N.Y N.Z Ns.X Ns.Y Ns.Z P.X P.Y P.Z Variance.R Variance.G Variance.B u v dzdx dzdy",
+            ["R/G/B", "Albedo.R/G/B", "Ns.X/Y/Z", "-"],
+        ),
+        // Blender: the denoising passes before the others.
+        (
+            "View_Layer.Combined.R View_Layer.Combined.G View_Layer.Combined.B View_Layer.Combined.A View_Layer.Depth.Z:f \
+             View_Layer.Denoising_Albedo.R View_Layer.Denoising_Albedo.G View_Layer.Denoising_Albedo.B \
+             View_Layer.DiffCol.R View_Layer.DiffCol.G View_Layer.DiffCol.B \
+             View_Layer.Denoising_Normal.X View_Layer.Denoising_Normal.Y View_Layer.Denoising_Normal.Z \
+             View_Layer.Normal.X View_Layer.Normal.Y View_Layer.Normal.Z View_Layer.Denoising_Depth.Z:f \
+             View_Layer.IndexOB.X:u Composite.Combined.R Composite.Combined.G Composite.Combined.B",
+            [
+                "View Layer.Combined.R/G/B",
+                "View Layer.Denoising Albedo.R/G/B",
+                "View Layer.Denoising Normal.X/Y/Z",
+                "View Layer.Denoising Depth.Z",
+            ],
+        ),
+        ("L.Combined.R L.Combined.G L.Combined.B L.Depth.V L.DiffCol.R L.DiffCol.G L.DiffCol.B", ["L.Combined.R/G/B", "L.DiffCol.R/G/B", "-", "L.Depth.V"]),
+        ("L.Combined.R L.Combined.G L.Combined.B L.Noisy_Image.R L.Noisy_Image.G L.Noisy_Image.B", ["L.Noisy Image.R/G/B", "-", "-", "-"]),
+        ("Composite.Combined.R Composite.Combined.G Composite.Combined.B", ["Composite.Combined.R/G/B", "-", "-", "-"]),
+        // Arnold, Karma; V-Ray; Redshift; LuxCore; RenderMan.
+        ("R G B diffuse_albedo.R diffuse_albedo.G diffuse_albedo.B N.R N.G N.B Z", ["R/G/B", "diffuse albedo.R/G/B", "N.R/G/B", "Z"]),
+        ("R G B denoise_albedo.r denoise_albedo.g denoise_albedo.b albedo.r albedo.g albedo.b", ["R/G/B", "denoise albedo.r/g/b", "-", "-"]),
+        ("R G B VRayDiffuseFilter.R VRayDiffuseFilter.G VRayDiffuseFilter.B VRayNormals.X VRayNormals.Y VRayNormals.Z VRayZDepth.R", ["R/G/B", "VRayDiffuseFilter.R/G/B", "VRayNormals.X/Y/Z", "VRayZDepth.R"]),
+        ("R G B DiffuseFilter.R DiffuseFilter.G DiffuseFilter.B BumpNormals.R BumpNormals.G BumpNormals.B Depth.Y", ["R/G/B", "DiffuseFilter.R/G/B", "BumpNormals.R/G/B", "Depth.Y"]),
+        ("R G B ALBEDO.R ALBEDO.G ALBEDO.B AVG_SHADING_NORMAL.X AVG_SHADING_NORMAL.Y AVG_SHADING_NORMAL.Z SHADING_NORMAL.X SHADING_NORMAL.Y SHADING_NORMAL.Z DEPTH", ["R/G/B", "ALBEDO.R/G/B", "AVG SHADING NORMAL.X/Y/Z", "DEPTH"]),
+        ("Ci.r Ci.g Ci.b normal.X normal.Y normal.Z t", ["Ci.r/g/b", "-", "normal.X/Y/Z", "t"]),
+        ("R G B VisibleDiffuse.R VisibleDiffuse.G VisibleDiffuse.B Normals.X Normals.Y Normals.Z Ng.X Ng.Y Ng.Z zDepth", ["R/G/B", "VisibleDiffuse.R/G/B", "Normals.X/Y/Z", "zDepth"]),
+        // Components joined to the name; the only RGB layer; integers and half a triple are passed over.
+        ("R G B Nx Ny Nz albedoR albedoG albedoB", ["R/G/B", "albedoR/albedoG/albedoB", "Nx/Ny/Nz", "-"]),
+        ("shot7.R shot7.G shot7.B albedo.R albedo.G albedo.B", ["shot7.R/G/B", "albedo.R/G/B", "-", "-"]),
+        ("R G B albedo.R albedo.G N.X:u N.Y:u N.Z:u Z:u", ["R/G/B", "-", "-", "-"]),
+    ];
+    let directory = Directory::new();
+    for (channels, expected) in cases {
+        let frame = read(&directory.file("names.exr", &[Part::new("", channels)])).unwrap();
+        assert_eq!(found(&frame), *expected, "{channels}");
+        frame.frame().check().unwrap();
+    }
+}
+
+#[test]
+fn view_layers_are_chosen_by_name() {
+    let channels = "A.Combined.R A.Combined.G A.Combined.B A.Normal.X A.Normal.Y A.Normal.Z \
+                    B.Combined.R B.Combined.G B.Combined.B B.Depth.Z B.Diffuse.R B.Diffuse.G B.Diffuse.B";
+    let directory = Directory::new();
+    let path = directory.file("views.exr", &[Part::new("", channels)]);
+    let error = failure(read(&path));
+    assert!(matches!(error, ExrError::Ambiguous { .. }), "{error}");
+    assert!(error.to_string().contains("A.Combined, B.Combined"), "{error}");
+    assert_eq!(found(&named(&path, "A").unwrap()), ["A.Combined.R/G/B", "-", "A.Normal.X/Y/Z", "-"]);
+    assert_eq!(found(&named(&path, "b.combined").unwrap()), ["B.Combined.R/G/B", "-", "-", "B.Depth.Z"]);
+    assert_eq!(found(&named(&path, "Diffuse").unwrap()), ["B.Diffuse.R/G/B", "-", "-", "B.Depth.Z"]);
+    assert!(matches!(failure(named(&path, "Combined")), ExrError::Ambiguous { .. }));
+    let error = failure(named(&path, "C"));
+    assert!(matches!(error, ExrError::NoLayer { .. }) && error.to_string().contains("B.Depth.Z"), "{error}");
+    let error = failure(read(&directory.file("none.exr", &[Part::new("", "albedo.R albedo.G albedo.B id:u")])));
+    assert!(matches!(error, ExrError::NoLayer { .. }), "{error}");
+}
+
+#[test]
+fn parts_are_layers() {
+    let directory = Directory::new();
+    let parts = [
+        Part::new("rgba", "R G B A"),
+        Part::new("diffuse_albedo", "R G B"),
+        Part::new("N", "X:f Y:f Z:f"),
+        Part { position: (5, 5), ..Part::new("depth", "Z:f") },
+    ];
+    let frame = read(&directory.file("parts.exr", &parts)).unwrap();
+    let expected = ["part rgba: R/G/B", "part diffuse_albedo: R/G/B", "part N: X/Y/Z", "-"];
+    assert_eq!(found(&frame), expected);
+    assert!(frame.selection().notes[0].contains("depth layer part depth: Z not used: it covers 13 x 37 pixels from (5, 5)"));
+    let frame = named(&directory.file("parts.exr", &parts), "diffuse_albedo").unwrap();
+    assert_eq!(frame.selection().color.to_string(), "part diffuse_albedo: R/G/B");
+
+    // The first part is the image, whatever its name; prefixes in parts count as elsewhere.
+    let parts = [Part::new("shot", "R G B"), Part::new("aux", "albedo.R albedo.G albedo.B Z")];
+    assert_eq!(found(&read(&directory.file("shot.exr", &parts)).unwrap())[..2], ["part shot: R/G/B", "part aux: albedo.R/G/B"]);
+    // Left and right eye are chosen by the part's name.
+    let parts = [Part::new("left", "image.R image.G image.B"), Part::new("right", "image.R image.G image.B")];
+    let path = directory.file("eyes.exr", &parts);
+    assert!(matches!(failure(read(&path)), ExrError::Ambiguous { .. }));
+    assert_eq!(found(&named(&path, "right").unwrap())[0], "part right: image.R/G/B");
+}
+
+#[test]
+fn planes_hold_the_samples() {
+    let directory = Directory::new();
+    let part = Part::new("", "B G R Z:f");
+    let frame = read(&directory.file("planes.exr", &[part])).unwrap();
+    let value = |index: usize, i: usize| ((i * 7 + index * 131) % 64) as f32 / 32.0;
+    for (i, pixel) in frame.color().chunks_exact(3).enumerate() {
+        assert_eq!(pixel, [value(2, i), value(1, i), value(0, i)]);
+    }
+    assert_eq!((frame.extent().width, frame.extent().height), (13, 37));
+}
+
+fn everything(path: &Path) -> FlatImage {
+    let reader = exr::prelude::read().no_deep_data().largest_resolution_level().all_channels().all_layers();
+    reader.all_attributes().from_file(path).unwrap()
+}
+
+/// Rewrites a file and checks that nothing but the given channels of part 0 changed, and those as they should.
+fn check_rewrite(path: &Path, color_channels: &[&str], tolerance: f32) {
+    let frame = read(path).unwrap();
+    let color: Vec<f32> = (0..frame.color().len()).map(|i| 0.25 + (i % 256) as f32 / 64.0).collect();
+    let out = path.with_extension("out.exr");
+    frame.write_with_color(&out, &color).unwrap();
+    let (before, after) = (std::fs::read(path).unwrap(), std::fs::read(&out).unwrap());
+    let meta = MetaData::read_from_buffered(before.as_slice(), true).unwrap();
+    assert_eq!(meta, MetaData::read_from_buffered(after.as_slice(), true).unwrap());
+    let (before, after) = (everything(path), everything(&out));
+    assert_eq!(before.attributes, after.attributes);
+    for (part, (b, a)) in before.layer_data.iter().zip(&after.layer_data).enumerate() {
+        assert_eq!((&b.attributes, b.size, b.encoding), (&a.attributes, a.size, a.encoding));
+        for (b, a) in b.channel_data.list.iter().zip(&a.channel_data.list) {
+            let name = b.name.to_string();
+            let component = color_channels.iter().position(|c| part == 0 && *c == name);
+            let Some(component) = component else {
+                let pairs = b.sample_data.values_as_f32().zip(a.sample_data.values_as_f32());
+                pairs.for_each(|(b, a)| assert!((b - a).abs() <= tolerance, "{name}: {b} {a}"));
+                continue;
+            };
+            for (i, a) in a.sample_data.values_as_f32().enumerate() {
+                let wanted = match color_channels {
+                    [_] => color[3 * i..][..3].iter().sum::<f32>() / 3.0,
+                    _ => color[3 * i + component],
+                };
+                assert!((a - wanted).abs() <= 2e-3 * wanted.max(1.0) + tolerance, "{name}: {a} {wanted}");
+            }
+        }
+    }
+    assert_eq!(read(&out).unwrap().selection(), frame.selection());
+}
+
+#[test]
+fn rewriting_keeps_everything_else() {
+    let directory = Directory::new();
+    let blocks = [
+        (Blocks::ScanLines, LineOrder::Increasing),
+        (Blocks::ScanLines, LineOrder::Decreasing),
+        (Blocks::Tiles(Vec2(8, 5)), LineOrder::Increasing),
+        (Blocks::Tiles(Vec2(64, 64)), LineOrder::Unspecified),
+    ];
+    let channels = "A albedo.B albedo.G albedo.R B:f G:f R:f id:u N.X N.Y N.Z Z:f";
+    use Compression::*;
+    for compression in [Uncompressed, RLE, ZIP1, ZIP16, PIZ, PXR24, B44, B44A] {
+        for (blocks, line_order) in blocks {
+            let encoding = Encoding { compression, blocks, line_order };
+            let other = Part { position: (7, -9), encoding, ..Part::new("other", "R G B mask:u") };
+            let parts = [Part { position: (-4, -11), encoding, ..Part::new("rgba", channels) }, other];
+            let tolerance = if compression.may_loose_data() { 0.02 } else { 0.0 };
+            check_rewrite(&directory.file("kept.exr", &parts), &["R", "G", "B"], tolerance);
+        }
+    }
+    check_rewrite(&directory.file("half.exr", &[Part::new("", "A B G R")]), &["R", "G", "B"], 0.0);
+    check_rewrite(&directory.file("gray.exr", &[Part::new("", "A Y Z:f")]), &["Y"], 0.0);
+}
+
+#[test]
+fn parts_without_colour_are_copied_bit_for_bit() {
+    let directory = Directory::new();
+    let encoding = Encoding { compression: Compression::B44, ..Encoding::UNCOMPRESSED };
+    let parts = [Part::new("rgba", "R G B"), Part { encoding, ..Part::new("other", "u v w") }];
+    let path = directory.file("copied.exr", &parts);
+    let frame = read(&path).unwrap();
+    let out = path.with_extension("out.exr");
+    frame.write_with_color(&out, frame.color()).unwrap();
+    let block = |path: &Path| {
+        let reader = exr::block::read(std::io::Cursor::new(std::fs::read(path).unwrap()), false).unwrap();
+        let chunks = reader.all_chunks(false).unwrap().map(|chunk| format!("{:?}", chunk.unwrap()));
+        chunks.filter(|c| c.contains("layer_index: 1")).collect::<Vec<_>>()
+    };
+    assert!(!block(&path).is_empty());
+    assert_eq!(block(&path), block(&out));
+}
+
+#[test]
+fn halfs_are_clamped_and_the_file_can_be_replaced_by_its_own_output() {
+    let directory = Directory::new();
+    let path = directory.file("own.exr", &[Part::new("", "B:f G R")]);
+    let frame = read(&path).unwrap();
+    let mut color = vec![1e9; frame.color().len()];
+    color[0] = -1e9;
+    frame.write_with_color(&path, &color).unwrap();
+    let again = read(&path).unwrap();
+    assert_eq!(again.color()[..6], [-65504.0, 65504.0, 1e9, 65504.0, 65504.0, 1e9]);
+    assert!(matches!(frame.write_with_color(&path, &color[1..]), Err(ExrError::ColorLength { .. })));
+    let nowhere = directory.0.path().join("nowhere/out.exr");
+    assert!(matches!(frame.write_with_color(nowhere, &color), Err(ExrError::Write { .. })));
+    assert!(matches!(frame.write_with_color(directory.0.path(), &color), Err(ExrError::Write { .. })));
+    let left: Vec<_> = std::fs::read_dir(directory.0.path()).unwrap().map(|e| e.unwrap().file_name()).collect();
+    assert_eq!(left, ["own.exr"], "no temporary file is left");
+}
+
+#[test]
+fn features_from_their_own_files() {
+    let directory = Directory::new();
+    let color = directory.file("color.exr", &[Part::new("", "R G B albedo.R albedo.G albedo.B Z")]);
+    let albedo = directory.file("albedo.exr", &[Part::new("", "R G B A")]);
+    let normal = directory.file("normal.exr", &[Part::new("", "pass.X:f pass.Y:f pass.Z:f")]);
+    let depth = directory.file("depth.exr", &[Part::new("", "Y:f")]);
+    let options = LayerOptions {
+        layer: None,
+        albedo: FeatureSource::File(albedo.clone()),
+        normal: FeatureSource::File(normal),
+        depth: FeatureSource::File(depth),
+    };
+    let frame = ExrFrame::read(&color, &options).unwrap();
+    assert_eq!(found(&frame)[1], format!("R/G/B in {}", albedo.display()));
+    assert!(found(&frame)[2].starts_with("pass.X/Y/Z in "));
+    assert!(found(&frame)[3].starts_with("Y in "));
+    frame.frame().check().unwrap();
+    assert_eq!(found(&ExrFrame::read(&color, &LayerOptions::color_only(None)).unwrap()), ["R/G/B", "-", "-", "-"]);
+
+    let with = |file: PathBuf| LayerOptions { albedo: FeatureSource::File(file), ..LayerOptions::default() };
+    let moved = directory.file("moved.exr", &[Part { position: (1, 0), ..Part::new("", "R G B") }]);
+    assert!(matches!(failure(ExrFrame::read(&color, &with(moved))), ExrError::WindowMismatch { .. }));
+    let many = directory.file("many.exr", &[Part::new("", "a.R a.G a.B b.R b.G b.B")]);
+    assert!(matches!(failure(ExrFrame::read(&color, &with(many))), ExrError::NoLayer { .. }));
+    let missing = directory.0.path().join("missing.exr");
+    assert!(matches!(failure(ExrFrame::read(&color, &with(missing))), ExrError::Read { .. }));
+}
+
+fn patch(bytes: &[u8], after: &[u8], skip: usize, new: &[u8]) -> Vec<u8> {
+    let start = bytes.windows(after.len()).position(|w| w == after).unwrap() + after.len() + skip;
+    let mut bytes = bytes.to_vec();
+    bytes[start..start + new.len()].copy_from_slice(new);
+    bytes
+}
+
+#[test]
+fn files_of_other_kinds_are_refused_by_name() {
+    let directory = Directory::new();
+    let good = std::fs::read(directory.file("good.exr", &[Part::new("", "R G B")])).unwrap();
+    let window = |x: i32, y: i32| [[0; 4], [0; 4], x.to_le_bytes(), y.to_le_bytes()].concat();
+    let read_patched = |after: &[u8], skip, new: &[u8]| failure(read(&directory.bytes("patched.exr", &patch(&good, after, skip, new))));
+
+    assert!(matches!(failure(read(Path::new("missing.exr"))), ExrError::Read { .. }));
+    for bytes in [&b""[..], b"v/1", b"P6\n1 1\n255\n..."] {
+        assert!(matches!(failure(read(&directory.bytes("other.exr", bytes))), ExrError::NotExr { .. }));
+    }
+    // The deep bit of the version field.
+    let error = read_patched(&good[..4], 0, &[2, 8, 0, 0]);
+    assert!(matches!(&error, ExrError::Unsupported { .. }) && error.to_string().contains("deep"), "{error}");
+    // The x sampling of B, in the channel list.
+    let error = read_patched(b"chlist\0", 4 + 2 + 8, &2i32.to_le_bytes());
+    assert!(matches!(&error, ExrError::Unsupported { .. }) && error.to_string().contains("subsampled"), "{error}");
+    let error = read_patched(b"compression\0compression\0", 4, &[99]);
+    assert!(matches!(&error, ExrError::Unsupported { .. }), "{error}");
+    // Windows that a file of this size cannot hold, in blocks, in bytes and at all.
+    LARGEST.store(0, Ordering::Relaxed);
+    let error = read_patched(b"dataWindow\0box2i\0", 4, &window(12, 1_000_000_000));
+    assert!(matches!(&error, ExrError::Incomplete { .. }), "{error}");
+    let error = read_patched(b"dataWindow\0box2i\0", 4, &window(5_000_000, 36));
+    assert!(matches!(&error, ExrError::TooLarge { .. }), "{error}");
+    let error = read_patched(b"dataWindow\0box2i\0", 4, &window(1_000_000_000, 36));
+    assert!(matches!(&error, ExrError::TooLarge { .. }), "{error}");
+    assert!(LARGEST.load(Ordering::Relaxed) < 32 << 20);
+    // A mip map.
+    let levels = Encoding { blocks: Blocks::Tiles(Vec2(16, 16)), ..Encoding::UNCOMPRESSED };
+    let tiled = std::fs::read(directory.file("tiled.exr", &[Part { encoding: levels, ..Part::new("", "R G B") }])).unwrap();
+    let mipped = patch(&tiled, b"tiledesc\0", 4 + 8, &[1]);
+    assert!(read(&directory.bytes("mip.exr", &mipped)).is_err());
+}
+
+/// Small files of several kinds for the damage tests.
+fn samples(directory: &Directory) -> Vec<Vec<u8>> {
+    let encode = |compression, blocks| Encoding { compression, blocks, line_order: LineOrder::Increasing };
+    let parts = |encoding| [Part { encoding, ..Part::new("rgba", "R G B A id:u") }, Part { encoding, ..Part::new("N", "X:f Y:f Z:f") }];
+    use Compression::*;
+    let mut files = Vec::new();
+    for compression in [Uncompressed, RLE, ZIP16, PIZ, PXR24, B44A] {
+        files.push(std::fs::read(directory.file("sample.exr", &parts(encode(compression, Blocks::ScanLines)))).unwrap());
+        let one = Part { encoding: encode(compression, Blocks::Tiles(Vec2(16, 16))), ..Part::new("", "R G B Z:f") };
+        files.push(std::fs::read(directory.file("sample.exr", &[one])).unwrap());
+    }
+    files
+}
+
+#[test]
+fn truncated_files_are_refused_at_every_length() {
+    let directory = Directory::new();
+    for bytes in samples(&directory) {
+        let lengths = (0..bytes.len()).filter(|length| length % 61 == 0 || *length > bytes.len() - 4);
+        for length in lengths {
+            let error = failure(read(&directory.bytes("cut.exr", &bytes[..length])));
+            let expected = matches!(error, ExrError::Incomplete { .. } | ExrError::NotExr { .. } | ExrError::Damaged { .. });
+            assert!(expected && error.to_string().contains("cut.exr"), "{length}: {error}");
+        }
+    }
+}
+
+#[test]
+fn damaged_files_neither_panic_nor_ask_for_much_memory() {
+    let directory = Directory::new();
+    let files = samples(&directory);
+    LARGEST.store(0, Ordering::Relaxed);
+    let mut state = 0x2545_f491_4f6c_dd1du64;
+    let mut random = move |below: usize| {
+        state ^= state << 13;
+        state ^= state >> 7;
+        state ^= state << 17;
+        (state % below as u64) as usize
+    };
+    let (mut read_well, mut refused) = (0, 0);
+    for round in 0..1200 {
+        let mut bytes = files[round % files.len()].clone();
+        for _ in 0..1 + random(4) {
+            // Half of the flips go into the headers, which are a small share of the bytes.
+            let end = if random(2) == 0 { bytes.len().min(900) } else { bytes.len() };
+            bytes[random(end)] ^= 1 << random(8);
+        }
+        match read(&directory.bytes("flipped.exr", &bytes)) {
+            Ok(frame) => {
+                read_well += 1;
+                let _ = frame.write_with_color(directory.0.path().join("rewritten.exr"), frame.color());
+            }
+            Err(error) => {
+                refused += 1;
+                assert!(error.to_string().contains("flipped.exr"), "{error}");
+            }
+        }
+    }
+    assert!(read_well > 50 && refused > 50, "{read_well} read, {refused} refused");
+    let largest = LARGEST.load(Ordering::Relaxed);
+    assert!(largest < 64 << 20, "one allocation of {largest} bytes");
+}

@@ -1,0 +1,121 @@
+//! `vkdenoise-bench`: times the whole pass in CPU seconds and wall time. CPU seconds are the steadier figure on CPU
+//! drivers and on shared machines.
+
+use clap::{Parser, Subcommand};
+use std::io::BufRead;
+use std::path::PathBuf;
+use std::process::ExitCode;
+use std::time::Instant;
+use vkdenoise::{
+    Denoiser, Device, DeviceSelector, Error, Extent, Features, Frame, Layout, Options, Plane, PlaneMut, Weights,
+};
+
+#[derive(Parser)]
+#[command(version, about = "Benchmarks of vkdenoise")]
+struct Arguments {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    /// Time the host path on a synthetic frame with albedo, normal and depth. One JSON object a run.
+    Pass {
+        /// Frame size.
+        #[arg(long, default_value = "512x512", value_parser = parse_size)]
+        size: Extent,
+        /// Timed runs.
+        #[arg(long, default_value_t = 5)]
+        repeat: u32,
+        /// Runs before the first timed one.
+        #[arg(long, default_value_t = 1)]
+        warm_up: u32,
+        /// Do one run for every line on standard input instead, so that another program can be timed in turn.
+        #[arg(long)]
+        on_request: bool,
+        /// Device: an index or part of a name.
+        #[arg(long, env = "VKDENOISE_DEVICE", default_value = "best")]
+        device: DeviceSelector,
+        /// Weights instead of the built-in ones.
+        #[arg(long)]
+        weights: Option<PathBuf>,
+    },
+}
+
+fn parse_size(text: &str) -> Result<Extent, String> {
+    let sides = text.split_once('x').and_then(|(w, h)| Some((w.parse().ok()?, h.parse().ok()?)));
+    sides.map(|(w, h)| Extent::new(w, h)).ok_or_else(|| format!("'{text}' is not a size such as 512x512"))
+}
+
+fn main() -> ExitCode {
+    let Command::Pass { size, repeat, warm_up, on_request, device, weights } = Arguments::parse().command;
+    let outcome = Device::open(&device).and_then(|device| {
+        let weights = weights.map_or_else(Weights::hybrid, |path| Ok(Weights::from_file(path)?))?;
+        pass(&device, &weights, size, (warm_up, repeat), on_request)
+    });
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(error) => {
+            eprintln!("error: {error}");
+            ExitCode::FAILURE
+        }
+    }
+}
+
+fn pass(
+    device: &Device,
+    weights: &Weights,
+    extent: Extent,
+    (warm_up, repeat): (u32, u32),
+    on_request: bool,
+) -> Result<(), Error> {
+    let mut denoiser = Denoiser::new(device, weights, &Options::default())?;
+    let pixels = extent.pixels() as usize;
+    // Any values do: the work does not depend on them.
+    let noise = |i: usize| (i.wrapping_mul(2654435761) >> 16 & 0xffff) as f32 / 65536.0;
+    let color: Vec<f32> = (0..3 * pixels).map(|i| noise(i) * noise(i / 3) * 4.0).collect();
+    let albedo: Vec<f32> = (0..3 * pixels).map(|i| noise(i / 3000)).collect();
+    let normal: Vec<f32> = (0..3 * pixels).map(|i| noise(i / 900) * 2.0 - 1.0).collect();
+    let depth: Vec<f32> = (0..pixels).map(|i| 1.0 + noise(i / 500) * 10.0).collect();
+    let mut output = vec![0.0; 3 * pixels];
+    let rgb = Layout::interleaved(extent, 3);
+    let frame = Frame {
+        extent,
+        color: Plane::f32(&color, rgb),
+        features: Features {
+            albedo: Some(Plane::f32(&albedo, rgb)),
+            normal: Some(Plane::f32(&normal, rgb)),
+            depth: Some(Plane::f32(&depth, Layout::interleaved(extent, 1))),
+        },
+    };
+    let mut run = |print: bool| -> Result<(), Error> {
+        let (cpu, wall) = (cpu_time::ProcessTime::now(), Instant::now());
+        let report = denoiser.denoise(&frame, PlaneMut::f32(&mut output, rgb))?;
+        if print {
+            let line = serde_json::json!({
+                "device": device.info().name, "driver": device.info().driver,
+                "width": extent.width, "height": extent.height,
+                "cpu_s": cpu.elapsed().as_secs_f64(), "wall_s": wall.elapsed().as_secs_f64(),
+                "gpu_ms": report.gpu_ms, "device_bytes": report.device_bytes,
+            });
+            println!("{line}");
+        }
+        Ok(())
+    };
+    for _ in 0..warm_up {
+        run(false)?;
+    }
+    if on_request {
+        for line in std::io::stdin().lock().lines() {
+            if line.is_err() {
+                break;
+            }
+            run(true)?;
+        }
+    } else {
+        for _ in 0..repeat {
+            run(true)?;
+        }
+    }
+    Ok(())
+}

@@ -1,0 +1,105 @@
+//! The command line.
+
+use clap::Parser;
+use std::path::PathBuf;
+use vkdenoise::exr_io::FeatureSource;
+use vkdenoise::{DeviceSelector, Exposure, Precision};
+
+/// Denoises OpenEXR renders with Vulkan.
+///
+/// Finds colour, albedo, normal and depth by the names that renderers write and says which it used. The output is the
+/// input file with its colour replaced: alpha, other layers, windows and metadata stay. It is written beside and
+/// renamed, so -o may name the input itself.
+#[derive(Debug, Parser)]
+#[command(version, max_term_width = 100)]
+pub struct Args {
+    /// OpenEXR files, frame patterns (shot.####.exr, shot.%04d.exr) or quoted globs ('shot.*.exr')
+    #[arg(value_name = "IN.exr", required_unless_present = "list_devices")]
+    pub inputs: Vec<PathBuf>,
+
+    /// File to write, or a directory that exists, where each output takes its input's name
+    #[arg(short, long, value_name = "OUT", required_unless_present = "list_devices")]
+    pub output: Option<PathBuf>,
+
+    /// Separate albedo file (or frame pattern); "none": use no albedo
+    #[arg(long, value_name = "F", value_parser = feature)]
+    pub albedo: Option<FeatureSource>,
+
+    /// Separate normal file (or frame pattern); "none": use no normal
+    #[arg(long, value_name = "F", value_parser = feature)]
+    pub normal: Option<FeatureSource>,
+
+    /// Separate depth file (or frame pattern); "none": use no depth
+    #[arg(long, value_name = "F", value_parser = feature)]
+    pub depth: Option<FeatureSource>,
+
+    /// Colour layer by name: a layer (ViewLayer.Combined), a part or a view layer (ViewLayer)
+    #[arg(long, value_name = "NAME")]
+    pub layer: Option<String>,
+
+    /// Weights file (safetensors) in place of the built-in one
+    #[arg(long, value_name = "F")]
+    pub weights: Option<PathBuf>,
+
+    /// Vulkan device: "best", an index of --list-devices or part of a name [env: VKDENOISE_DEVICE]
+    #[arg(long, value_name = "D", value_parser = parsed::<DeviceSelector>)]
+    pub device: Option<DeviceSelector>,
+
+    /// Arithmetic: auto or fp32
+    #[arg(long, value_name = "P", default_value = "auto", value_parser = parsed::<Precision>)]
+    pub precision: Precision,
+
+    /// Factor that brings the image to normal brightness, or "auto". Give one for a sequence, lest it flicker
+    #[arg(long, value_name = "F", default_value = "auto", value_parser = exposure)]
+    pub exposure: Exposure,
+
+    /// Share of the noisy input in the output, from 0 (all denoised) to 1
+    #[arg(long, value_name = "A", default_value_t = 0.0, value_parser = share)]
+    pub blend: f32,
+
+    /// Reference file (or frame pattern): prints PSNR, SSIM and relMSE before and after
+    #[arg(long, value_name = "REF.exr")]
+    pub reference: Option<PathBuf>,
+
+    /// PNG with the noisy, the denoised and the reference image side by side; a directory for several inputs
+    #[arg(long, value_name = "PREVIEW.png")]
+    pub png: Option<PathBuf>,
+
+    /// Print one JSON object for each image (or device) on standard output
+    #[arg(long)]
+    pub json: bool,
+
+    /// Print only errors and what was asked for (JSON, figures)
+    #[arg(short, long)]
+    pub quiet: bool,
+
+    /// List the Vulkan devices and what each lacks
+    #[arg(long, conflicts_with_all = ["inputs", "output"])]
+    pub list_devices: bool,
+}
+
+/// Parses by the type's own rule and hands on its words.
+fn parsed<T: std::str::FromStr<Err: std::fmt::Display>>(text: &str) -> Result<T, String> {
+    text.parse().map_err(|error: T::Err| error.to_string())
+}
+
+fn feature(text: &str) -> Result<FeatureSource, String> {
+    Ok(if text == "none" { FeatureSource::Unused } else { FeatureSource::File(text.into()) })
+}
+
+fn exposure(text: &str) -> Result<Exposure, String> {
+    if text == "auto" {
+        return Ok(Exposure::Auto);
+    }
+    match text.parse::<f32>() {
+        Ok(factor) if factor.is_finite() && factor > 0.0 => Ok(Exposure::Fixed(factor)),
+        _ => Err("give \"auto\" or a number above 0".into()),
+    }
+}
+
+fn share(text: &str) -> Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(share) if (0.0..=1.0).contains(&share) => Ok(share),
+        _ => Err("give a number from 0 to 1".into()),
+    }
+}

@@ -1,0 +1,159 @@
+//! What is said about each image, in words and in JSON.
+
+use crate::Failure;
+use crate::jobs::Job;
+use serde::Serialize;
+use std::io::Write;
+use vkdenoise::exr_io::{Selection, UsedLayer};
+use vkdenoise::metrics::Comparison;
+use vkdenoise::{Error, Extent, Report};
+
+/// The figures of one image against a reference.
+pub struct Figures {
+    psnr: f64,
+    ssim: Option<f64>,
+    rel_mse: f64,
+}
+
+impl Figures {
+    /// Computes them; all slices interleaved RGB of `extent`.
+    pub fn new(extent: Extent, image: &[f32], reference: &[f32]) -> Result<Self, Error> {
+        let comparison = Comparison::new(extent, image, reference)?;
+        Ok(Self { psnr: comparison.psnr(), ssim: comparison.ssim(), rel_mse: comparison.rel_mse() })
+    }
+}
+
+/// Everything there is to say about one denoised image.
+pub struct Outcome<'a> {
+    pub job: &'a Job,
+    pub extent: Extent,
+    pub device: &'a str,
+    pub driver: &'a str,
+    pub precision: &'static str,
+    pub report: &'a Report,
+    pub selection: &'a Selection,
+    /// Before and after, if there is a reference.
+    pub figures: Option<[Figures; 2]>,
+}
+
+#[derive(Serialize)]
+struct Layers {
+    color: String,
+    albedo: Option<String>,
+    normal: Option<String>,
+    depth: Option<String>,
+}
+
+/// The fields of `--json`. Figures that are infinite (equal images) or not numbers are null.
+#[derive(Serialize)]
+struct Record<'a> {
+    input: String,
+    output: String,
+    width: u32,
+    height: u32,
+    device: &'a str,
+    driver: &'a str,
+    precision: &'a str,
+    exposure: f32,
+    gpu_ms: Option<f64>,
+    total_ms: f64,
+    device_bytes: u64,
+    layers: Layers,
+    #[serde(flatten)]
+    figures: Option<FigureRecord>,
+}
+
+#[derive(Serialize)]
+struct FigureRecord {
+    psnr_noisy: f64,
+    psnr: f64,
+    ssim_noisy: Option<f64>,
+    ssim: Option<f64>,
+    relmse_noisy: f64,
+    relmse: f64,
+}
+
+impl Outcome<'_> {
+    /// One JSON object in one line.
+    pub fn json(&self) -> Result<String, serde_json::Error> {
+        let name = |layer: &Option<UsedLayer>| layer.as_ref().map(UsedLayer::to_string);
+        serde_json::to_string(&Record {
+            input: self.job.input.display().to_string(),
+            output: self.job.output.display().to_string(),
+            width: self.extent.width,
+            height: self.extent.height,
+            device: self.device,
+            driver: self.driver,
+            precision: self.precision,
+            exposure: self.report.exposure,
+            gpu_ms: self.report.gpu_ms,
+            total_ms: self.report.total_ms,
+            device_bytes: self.report.device_bytes,
+            layers: Layers {
+                color: self.selection.color.to_string(),
+                albedo: name(&self.selection.albedo),
+                normal: name(&self.selection.normal),
+                depth: name(&self.selection.depth),
+            },
+            figures: self.figures.as_ref().map(|[noisy, denoised]| FigureRecord {
+                psnr_noisy: noisy.psnr,
+                psnr: denoised.psnr,
+                ssim_noisy: noisy.ssim,
+                ssim: denoised.ssim,
+                relmse_noisy: noisy.rel_mse,
+                relmse: denoised.rel_mse,
+            }),
+        })
+    }
+
+    /// The figures before and after, if there is a reference.
+    pub fn figures_text(&self) -> Option<String> {
+        let [noisy, denoised] = self.figures.as_ref()?;
+        let ssim = |figures: &Figures| figures.ssim.map_or("-".into(), |ssim| format!("{ssim:.4}"));
+        Some(format!(
+            "{}: PSNR {:.2} -> {:.2} dB, SSIM {} -> {}, relMSE {:.5} -> {:.5}",
+            self.job.input.display(),
+            noisy.psnr,
+            denoised.psnr,
+            ssim(noisy),
+            ssim(denoised),
+            noisy.rel_mse,
+            denoised.rel_mse,
+        ))
+    }
+
+    /// What was written and how long it took.
+    pub fn summary(&self) -> String {
+        let Outcome { extent: Extent { width, height }, report, .. } = self;
+        let gpu = report.gpu_ms.map_or(String::new(), |ms| format!(", {ms:.1} on the device"));
+        format!(
+            "{}: {width} x {height}, exposure {:.4}, {} in {:.1} ms{gpu} ({})",
+            self.job.output.display(),
+            report.exposure,
+            self.precision,
+            report.total_ms,
+            self.device,
+        )
+    }
+}
+
+/// Which layers an image was read from, one line, and a line for each note.
+pub fn selection_text(job: &Job, selection: &Selection) -> String {
+    let input = job.input.display();
+    let mut text = format!("{input}: colour {}", selection.color);
+    for (role, layer) in [("albedo", &selection.albedo), ("normal", &selection.normal), ("depth", &selection.depth)] {
+        match layer {
+            Some(layer) => text.push_str(&format!(", {role} {layer}")),
+            None => text.push_str(&format!(", no {role}")),
+        }
+    }
+    selection.notes.iter().for_each(|note| text.push_str(&format!("\n{input}: {note}")));
+    text
+}
+
+/// Prints a line on standard output, which may have been closed.
+pub fn print_line(line: &str) -> Result<(), Failure> {
+    let mut out = std::io::stdout().lock();
+    let written = writeln!(out, "{line}").and_then(|()| out.flush());
+    written.map_err(|error| Failure::Failed(format!("cannot write to standard output: {error}")))
+}

@@ -1,0 +1,21 @@
+"""A checkpoint's averaged weights as a weights file: python -m vkdn.export best.pt weights/hybrid.safetensors"""
+import argparse
+
+from . import checkpoint, weights
+
+
+def main():
+    p = argparse.ArgumentParser(description=__doc__)
+    p.add_argument("checkpoint")
+    p.add_argument("output")
+    args = p.parse_args()
+    model, state = checkpoint.load_model(args.checkpoint)
+    weights.write(args.output, model, state["record"])
+    back, _ = weights.read(args.output)
+    pairs = zip(model.parameters(), back.parameters())
+    worst = max(float((a - b).abs().max() / a.abs().max().clamp_min(1e-12)) for a, b in pairs)
+    print(f"{args.output}: {sum(p.numel() for p in back.parameters())} parameters, largest relative rounding {worst:.1e}")
+
+
+if __name__ == "__main__":
+    main()
