@@ -44,7 +44,8 @@ void main() {
     for (uint y = first.y; y < end.y; ++y) {
         for (uint x = first.x; x < end.x; ++x) {
             vec3 radiance = read_color(uvec2(x, y));
-            if (!is_valid(radiance)) continue;
+            // Bad pixels stay out; the key is not known yet, the median stands in.
+            if (!is_valid(radiance) || max(radiance.x, max(radiance.y, radiance.z)) > BAD_PIXEL * median) continue;
             sum += median > 0.0 ? min(luminance(radiance) / median, TILE_CAP) : 0.0;
             ++valid;
         }

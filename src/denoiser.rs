@@ -169,6 +169,11 @@ impl Denoiser {
         Ok(report)
     }
 
+    /// The pass that the host path ran last.
+    pub(crate) fn last_pass(&self) -> Option<&Pass> {
+        self.host.as_ref().map(HostPass::pass)
+    }
+
     /// The host path of a size: the last one if it fits.
     fn host_pass(&mut self, extent: Extent) -> Result<(&mut HostPass, FrameOptions)> {
         let fits = self.host.take().filter(|pass| pass.extent() == extent);

@@ -91,10 +91,10 @@ pub enum Error {
     /// A weights file could not be used.
     #[error("weights: {0}")]
     Weights(#[from] WeightsError),
-    //EXR /// An OpenEXR file could not be read or written.
-    //EXR #[cfg(feature = "exr")]
-    //EXR #[error(transparent)]
-    //EXR Exr(#[from] crate::exr_io::ExrError),
+    /// An OpenEXR file could not be read or written.
+    #[cfg(feature = "exr")]
+    #[error(transparent)]
+    Exr(#[from] crate::exr_io::ExrError),
 }
 
 /// The crate's result type.

@@ -8,7 +8,7 @@ use crate::kernels::stats::STATS_FLOATS;
 use crate::pass::{Binding, FrameOptions, Pass};
 use crate::renderer::{BufferFrame, BufferPlane, SampleFormat};
 use crate::vk::memory::Buffer;
-use crate::vk::submit::Submission;
+use crate::vk::submit::{Submission, barrier};
 use ash::vk;
 use gpu_allocator::MemoryLocation;
 use std::sync::Arc;
@@ -54,6 +54,10 @@ impl HostPass {
             recorded: None,
             engine: Arc::clone(engine),
         })
+    }
+
+    pub fn pass(&self) -> &Pass {
+        &self.pass
     }
 
     pub fn extent(&self) -> Extent {
@@ -136,38 +140,25 @@ impl HostPass {
             size: stats_bytes,
         }];
         let Self { submission, pass, output, engine, .. } = self;
-        let device = engine.device.raw();
+        let device = &engine.device;
+        let compute = (vk::PipelineStageFlags::COMPUTE_SHADER, vk::AccessFlags::SHADER_WRITE);
+        let transfer = (vk::PipelineStageFlags::TRANSFER, vk::AccessFlags::TRANSFER_READ);
+        let written = (
+            vk::PipelineStageFlags::COMPUTE_SHADER | vk::PipelineStageFlags::TRANSFER,
+            vk::AccessFlags::SHADER_WRITE | vk::AccessFlags::TRANSFER_WRITE,
+        );
+        let host = (vk::PipelineStageFlags::HOST, vk::AccessFlags::HOST_READ);
         submission.record(|commands| {
-            let barrier = |from, from_access, to, to_access| {
-                let barrier = [vk::MemoryBarrier::default().src_access_mask(from_access).dst_access_mask(to_access)];
-                // SAFETY: the command buffer is recording and ours.
-                unsafe {
-                    device.cmd_pipeline_barrier(
-                        commands,
-                        from,
-                        to,
-                        vk::DependencyFlags::empty(),
-                        &barrier,
-                        &[],
-                        &[],
-                    );
-                }
-            };
-            let compute = vk::PipelineStageFlags::COMPUTE_SHADER;
-            let transfer = vk::PipelineStageFlags::TRANSFER;
-            // The last run's copy of the statistics, before this run overwrites them.
-            barrier(transfer, vk::AccessFlags::TRANSFER_READ, compute, vk::AccessFlags::SHADER_WRITE);
-            // SAFETY: everything bound lives in `self`, and `Submission::run` waits.
-            unsafe { pass.record(commands, &bound, options)? };
-            barrier(compute, vk::AccessFlags::SHADER_WRITE, transfer, vk::AccessFlags::TRANSFER_READ);
-            // SAFETY: both ranges lie in live buffers of ours.
-            unsafe { device.cmd_copy_buffer(commands, stats, output.raw(), &copy) };
-            barrier(
-                compute | transfer,
-                vk::AccessFlags::SHADER_WRITE | vk::AccessFlags::TRANSFER_WRITE,
-                vk::PipelineStageFlags::HOST,
-                vk::AccessFlags::HOST_READ,
-            );
+            // SAFETY: the command buffer is recording and ours; everything bound and copied lives in `self`, and
+            // `Submission::run` waits.
+            unsafe {
+                // The last run's copy of the statistics, before this run overwrites them.
+                barrier(device, commands, transfer, compute);
+                pass.record(commands, &bound, options)?;
+                barrier(device, commands, compute, transfer);
+                device.raw().cmd_copy_buffer(commands, stats, output.raw(), &copy);
+                barrier(device, commands, written, host);
+            }
             Ok(())
         })?;
         self.binding = Some((present, bound));

@@ -3,13 +3,17 @@
 pub mod denoiser;
 mod engine;
 pub mod error;
+#[cfg(feature = "exr")]
+pub mod exr_io;
 pub mod frame;
 mod host;
 pub mod kernels;
+pub mod metrics;
 pub mod net;
 pub mod pass;
 pub mod plan;
 mod record;
+pub mod reference;
 pub mod renderer;
 #[doc(hidden)]
 pub mod testing;

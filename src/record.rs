@@ -6,6 +6,7 @@ use crate::kernels::{Addresses, Variants};
 use crate::plan::Dispatch;
 use crate::vk::device::Device;
 use crate::vk::pipeline::Pipeline;
+use crate::vk::submit;
 use ash::vk;
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -89,21 +90,9 @@ impl Recording<'_> {
     /// # Safety
     /// As [`Recording::record`].
     unsafe fn barrier(&self, commands: vk::CommandBuffer) {
-        let barrier = [vk::MemoryBarrier::default()
-            .src_access_mask(vk::AccessFlags::SHADER_WRITE)
-            .dst_access_mask(vk::AccessFlags::SHADER_READ | vk::AccessFlags::SHADER_WRITE)];
         let compute = vk::PipelineStageFlags::COMPUTE_SHADER;
+        let (read, write) = (vk::AccessFlags::SHADER_READ, vk::AccessFlags::SHADER_WRITE);
         // SAFETY: the caller vouches for `commands`.
-        unsafe {
-            self.device.raw().cmd_pipeline_barrier(
-                commands,
-                compute,
-                compute,
-                vk::DependencyFlags::empty(),
-                &barrier,
-                &[],
-                &[],
-            );
-        }
+        unsafe { submit::barrier(self.device, commands, (compute, write), (compute, read | write)) };
     }
 }

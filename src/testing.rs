@@ -1,14 +1,17 @@
 //! For this crate's own tests and benchmarks: single kernels on a device, with sentinels around every buffer.
 
+use crate::denoiser::Denoiser;
 use crate::engine;
-use crate::error::Result;
+use crate::error::{Error, Result};
+use crate::frame::{Frame, Layout, PlaneMut};
 use crate::kernels::{Addresses, BufferId, Call, PlaneArgs, Variants};
 use crate::net::graph::Stage;
-use crate::plan::{Dispatch, ELEMENT_BYTES};
+use crate::plan::{Dispatch, ELEMENT_BYTES, Plan};
 use crate::record::{Pipelines, Recording};
 use crate::vk::device::Device;
 use crate::vk::memory::Buffer;
-use crate::vk::submit::Submission;
+use crate::vk::submit::{self, Submission};
+use ash::vk;
 use gpu_allocator::MemoryLocation;
 use std::collections::HashMap;
 
@@ -163,4 +166,39 @@ impl Bench {
     fn address(&self, id: BufferId) -> u64 {
         self.buffers[id.0].1.address() + GUARD as u64
     }
+}
+
+/// Denoises a frame on the host path and reads what `pick` names of the plan afterwards, with the plan. Only what lives
+/// to the end of the pass still holds its values: the residual, the log colour, the statistics.
+///
+/// # Errors
+/// As [`Denoiser::denoise`].
+pub fn denoise_and_read(
+    denoiser: &mut Denoiser,
+    frame: &Frame,
+    pick: impl FnOnce(&Plan) -> BufferId,
+) -> Result<(Vec<f32>, Plan)> {
+    let mut output = vec![0.0; 3 * frame.extent.pixels() as usize];
+    denoiser.denoise(frame, PlaneMut::f32(&mut output, Layout::interleaved(frame.extent, 3)))?;
+    let device = denoiser.device().clone();
+    let pass = denoiser.last_pass().ok_or_else(|| Error::Binding("nothing was denoised yet".into()))?;
+    let (source, offset, bytes) = pass.location(pick(pass.plan()));
+    let target = Buffer::new(&device, "read back", bytes, MemoryLocation::GpuToCpu)?;
+    let copy = [vk::BufferCopy { src_offset: offset, dst_offset: 0, size: bytes }];
+    let mut submission = Submission::new(&device)?;
+    submission.record(|commands| {
+        let written = (vk::PipelineStageFlags::COMPUTE_SHADER, vk::AccessFlags::SHADER_WRITE);
+        let read = (vk::PipelineStageFlags::TRANSFER, vk::AccessFlags::TRANSFER_READ);
+        let copied = (vk::PipelineStageFlags::TRANSFER, vk::AccessFlags::TRANSFER_WRITE);
+        let host = (vk::PipelineStageFlags::HOST, vk::AccessFlags::HOST_READ);
+        // SAFETY: both buffers live until `run` returns.
+        unsafe {
+            submit::barrier(&device, commands, written, read);
+            device.raw().cmd_copy_buffer(commands, source, target.raw(), &copy);
+            submit::barrier(&device, commands, copied, host);
+        }
+        Ok(())
+    })?;
+    submission.run()?;
+    Ok((bytemuck::cast_slice(&target.bytes()[..bytes as usize]).to_vec(), pass.plan().clone()))
 }

@@ -42,7 +42,8 @@ impl Failure {
 fn main() -> ExitCode {
     let args = Args::parse();
     let filter = tracing_subscriber::EnvFilter::try_from_default_env();
-    let filter = filter.unwrap_or_else(|_| tracing_subscriber::EnvFilter::new(if args.quiet { "error" } else { "warn" }));
+    let filter =
+        filter.unwrap_or_else(|_| tracing_subscriber::EnvFilter::new(if args.quiet { "error" } else { "warn" }));
     tracing_subscriber::fmt().with_env_filter(filter).with_writer(std::io::stderr).without_time().init();
 
     let result = if args.list_devices { devices::list(args.json) } else { denoise(&args) };

@@ -155,7 +155,11 @@ fn check_dwa_sizes(header: &Header, data: &[u8], size: Vec2<usize>) -> exr::erro
 }
 
 /// Runs the codec on one block. It is another's code on unchecked bytes: a panic in it is a damaged file.
-fn guarded<R>(container: &Container, chunk: &Chunk, work: impl FnOnce() -> exr::error::Result<R>) -> Result<R, ExrError> {
+fn guarded<R>(
+    container: &Container,
+    chunk: &Chunk,
+    work: impl FnOnce() -> exr::error::Result<R>,
+) -> Result<R, ExrError> {
     match catch_unwind(AssertUnwindSafe(work)) {
         Ok(Ok(value)) => Ok(value),
         Ok(Err(exr::error::Error::NotSupported(reason))) => {

@@ -8,12 +8,15 @@
 //!
 //! Names, compared without case, spaces and punctuation, best first:
 //!
-//! | role | layers |
-//! |---|---|
-//! | colour | plain R, G, B or grey Y; Blender's `ViewLayer.Noisy Image`, `ViewLayer.Combined`; beauty, rgba, rgb, color, C, Ci, image, main, final, default; in a file of several parts the first; the only RGB layer |
-//! | albedo | Denoising Albedo, denoise_albedo, albedo, GuideAlbedo, diffuse albedo, VisibleDiffuse(Albedo), DiffuseFilter, VRayDiffuseFilter, BaseColor, DiffuseColor, DiffCol |
-//! | normal | Denoising Normal, denoise_normal, sh_normal, AVG_SHADING_NORMAL, shading_normal(s), Ns, nn, GuideNormal(W), (VRay)BumpNormals, N, normal(s), WorldNormal, VRayNormals, then the geometric: geo_normal, geometric/geometry_normal, Ng. Also `Nx`, `Ny`, `Nz` |
-//! | depth | Denoising Depth, denoise_depth, depth, Z, (VRay)ZDepth, dd, distance, camera depth, linear depth, t; any layer with the one channel T (Mitsuba). As a layer (`Depth.Z`) or as a channel (`Z`) |
+//! * **Colour**: plain R, G, B or grey Y; Blender's `ViewLayer.Noisy Image` and `ViewLayer.Combined`; beauty, rgba, rgb,
+//!   color, C, Ci, image, main, final, default; in a file of several parts the first; the only RGB layer.
+//! * **Albedo**: Denoising Albedo, denoise_albedo, albedo, GuideAlbedo, diffuse albedo, VisibleDiffuseAlbedo,
+//!   VisibleDiffuse, DiffuseFilter, VRayDiffuseFilter, BaseColor, DiffuseColor, DiffCol.
+//! * **Normal**: Denoising Normal, denoise_normal, sh_normal, AVG_SHADING_NORMAL, shading_normal(s), Ns, nn,
+//!   GuideNormal(W), BumpNormals, VRayBumpNormals, N, normal(s), WorldNormal, VRayNormals; then the geometric ones:
+//!   geo_normal, geometric_normal, geometry_normal, Ng. Also as channels `Nx`, `Ny`, `Nz`.
+//! * **Depth**: Denoising Depth, denoise_depth, depth, Z, ZDepth, VRayZDepth, dd, distance, camera depth, linear depth,
+//!   t; any layer with the one channel T (Mitsuba). As a layer (`Depth.Z`) or as a channel (`Z`).
 //!
 //! Features come from the colour's own view layer (`ViewLayer.` before the name) or from layers without one. Positions
 //! are not taken for depth: a file does not say whose space they are in. Blender's Composite is passed over where there
@@ -158,7 +161,8 @@ impl ExrFrame {
     pub fn read(path: impl AsRef<Path>, options: &LayerOptions) -> Result<Self, ExrError> {
         let container = Container::open(path.as_ref())?;
         let layers = layers::layers(&container);
-        let pick = select::pick_color(&container, &layers, options.layer.as_deref()).map_err(|e| explain(&container, e))?;
+        let pick =
+            select::pick_color(&container, &layers, options.layer.as_deref()).map_err(|e| explain(&container, e))?;
         if container.has_levels(pick.part) {
             let reason = "its colour is a mip map; keep the full resolution only";
             return Err(ExrError::unsupported(&container.path, reason));
@@ -203,7 +207,9 @@ impl ExrFrame {
             let its_window = self.container.header(pick.part).data_window();
             if its_window != window {
                 let (its, colors) = (window_text(its_window), window_text(window));
-                self.selection.notes.push(format!("{role} layer {used} not used: it covers {its}, the colour {colors}"));
+                self.selection
+                    .notes
+                    .push(format!("{role} layer {used} not used: it covers {its}, the colour {colors}"));
                 continue;
             }
             *self.used_mut(role) = Some(used);

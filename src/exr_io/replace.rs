@@ -13,7 +13,10 @@ use std::path::{Path, PathBuf};
 /// # Errors
 /// [`ExrError::Write`]: `write`'s own error, a directory that is missing or cannot be written, or a `path` that is
 /// there and is not a regular file.
-pub fn replace_file(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> std::io::Result<()>) -> Result<(), ExrError> {
+pub fn replace_file(
+    path: &Path,
+    write: impl FnOnce(&mut BufWriter<File>) -> std::io::Result<()>,
+) -> Result<(), ExrError> {
     replace(path, write).map_err(|source| ExrError::Write { path: path.into(), source })
 }
 

@@ -9,25 +9,77 @@ use super::{Role, container::Container};
 
 /// Colour of layers with a name; plain R, G, B come before all of these.
 /// Blender's `Noisy Image` comes before its `Combined`, which is already denoised where both are there.
-const COLOR: &[&str] =
-    &["noisyimage", "combined", "beauty", "rgba", "rgb", "color", "colour", "c", "ci", "image", "main", "final", "default"];
+const COLOR: &[&str] = &[
+    "noisyimage",
+    "combined",
+    "beauty",
+    "rgba",
+    "rgb",
+    "color",
+    "colour",
+    "c",
+    "ci",
+    "image",
+    "main",
+    "final",
+    "default",
+];
 
 /// Blender, Arnold; Mitsuba, pbrt, RenderMan, Karma, LuxCore; Arnold; Redshift and V-Ray; Blender's diffuse colour.
 const ALBEDO: &[&str] = &[
-    "denoisingalbedo", "denoisealbedo", "albedo", "guidealbedo", "diffusealbedo", "visiblediffusealbedo", "visiblediffuse",
-    "diffusefilter", "vraydiffusefilter", "basecolor", "diffusecolor", "diffcol",
+    "denoisingalbedo",
+    "denoisealbedo",
+    "albedo",
+    "guidealbedo",
+    "diffusealbedo",
+    "visiblediffusealbedo",
+    "visiblediffuse",
+    "diffusefilter",
+    "vraydiffusefilter",
+    "basecolor",
+    "diffusecolor",
+    "diffcol",
 ];
 
 /// Mitsuba: sh_normal, nn; pbrt: Ns; LuxCore: AVG_SHADING_NORMAL; Arnold, Karma: N; Redshift, V-Ray: bump normals.
 /// pbrt's N is geometric, which is why Ns stands before it.
 const NORMAL: &[&str] = &[
-    "denoisingnormal", "denoisenormal", "shnormal", "avgshadingnormal", "shadingnormal", "shadingnormals", "ns", "nn",
-    "guidenormal", "guidenormalw", "bumpnormals", "vraybumpnormals", "n", "normal", "normals", "worldnormal", "normalworld",
-    "vraynormals", "geonormal", "geometricnormal", "geometrynormal", "ng",
+    "denoisingnormal",
+    "denoisenormal",
+    "shnormal",
+    "avgshadingnormal",
+    "shadingnormal",
+    "shadingnormals",
+    "ns",
+    "nn",
+    "guidenormal",
+    "guidenormalw",
+    "bumpnormals",
+    "vraybumpnormals",
+    "n",
+    "normal",
+    "normals",
+    "worldnormal",
+    "normalworld",
+    "vraynormals",
+    "geonormal",
+    "geometricnormal",
+    "geometrynormal",
+    "ng",
 ];
 
 const DEPTH: &[&str] = &[
-    "denoisingdepth", "denoisedepth", "depth", "z", "zdepth", "vrayzdepth", "dd", "distance", "cameradepth", "lineardepth", "t",
+    "denoisingdepth",
+    "denoisedepth",
+    "depth",
+    "z",
+    "zdepth",
+    "vrayzdepth",
+    "dd",
+    "distance",
+    "cameradepth",
+    "lineardepth",
+    "t",
 ];
 
 /// The channel of a depth layer, where it has several.

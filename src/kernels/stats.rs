@@ -3,9 +3,9 @@
 //! 1. [`Histogram`] counts the luminances (valid pixels, above 0) and the valid depths by the upper 16 bits of the
 //!    float: 128 bins an octave.
 //! 2. [`Select`] reads the median luminance `m` and the 99.9th percentile of depth from them.
-//! 3. [`TileMeans`] takes the mean of `min(luminance, 64 m)` over the valid pixels of every 8x8 tile, and its base-2
-//!    logarithm, at least `log2(m / 1024)`.
-//! 4. [`Key`] averages those logarithms over the tiles that have any light: `key = 2^mean`, `exposure = 0.18 / key`.
+//! 3. [`TileMeans`] takes the mean of `min(luminance, 64 m)` over the pixels of every 8x8 tile that are valid and of no
+//!    channel above 1e8 m, and its base-2 logarithm relative to m, at least -10.
+//! 4. [`Key`] averages those logarithms over the tiles that have any light: `key = m 2^mean`, `exposure = 0.18 / key`.
 //!
 //! So one pixel, whatever its value, moves the key by at most what a tile of 64 m does.
 

@@ -42,13 +42,16 @@ impl Map {
         Self::new(view.width, view.height, view.channels, values)
     }
 
-    /// Writes the listed tiles (of this map's own grid) to a view of a buffer, every element where `place` says.
+    /// Writes the listed tiles (of this map's own grid) to a view of a buffer, every element where `place` says. What
+    /// has no place among the view's channels (a shuffle's padding) is left out.
     pub fn write(&self, buffer: &mut [f64], view: &View, tiles: &[Tile], place: impl Fn(usize, usize, usize) -> Place) {
         let (width, stride, first) = (view.width as usize, view.stride as usize, view.first as usize);
         for (x, y) in tiles::tokens(tiles, self.width, self.height) {
             for (channel, value) in self.token(x, y).iter().enumerate() {
                 let (to_x, to_y, to_channel) = place(x, y, channel);
-                buffer[(to_y * width + to_x) * stride + first + to_channel] = *value;
+                if to_channel < view.channels as usize {
+                    buffer[(to_y * width + to_x) * stride + first + to_channel] = *value;
+                }
             }
         }
     }

@@ -4,9 +4,9 @@ use super::map::Map;
 use super::parallel::for_each_row;
 
 /// Outputs of one block of weights, computed together.
-const OUTPUTS: usize = 16;
+const OUTPUTS: usize = 8;
 /// Tokens computed together.
-const TOKENS: usize = 2;
+const TOKENS: usize = 4;
 
 /// A matrix for each of 1 or 9 taps, and a bias.
 #[derive(Debug)]

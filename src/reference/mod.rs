@@ -17,10 +17,10 @@ mod tiles;
 mod window_attention;
 
 use crate::error::{Error, Result};
-use crate::frame::Frame;
+use crate::frame::{Extent, Frame};
 use crate::kernels::{BufferId, Call, View};
 use crate::net::weights::{Weights, WeightsError};
-use crate::plan::{ELEMENT_BYTES, Place, Plan};
+use crate::plan::{Buffer, Dispatch, ELEMENT_BYTES, Place, Plan};
 use frame_io::FrameData;
 use map::Map;
 use parameters::Parameters;
@@ -28,12 +28,14 @@ use parameters::Parameters;
 /// Computes a plan in f64.
 #[derive(Debug)]
 pub struct Reference<'a> {
-    plan: &'a Plan,
+    extent: Extent,
+    planned: &'a [Buffer],
+    dispatches: &'a [Dispatch],
     /// By buffer: the weights that it stands for.
     parameters: Vec<Option<Parameters>>,
     /// By buffer: its elements, once something has been written to it.
     buffers: Vec<Vec<f64>>,
-    /// By buffer: the last dispatch that touches it.
+    /// By buffer: the dispatch after which nobody needs it.
     last_use: Vec<usize>,
     frame: FrameData,
     output: Vec<f64>,
@@ -45,25 +47,39 @@ impl<'a> Reference<'a> {
     /// # Errors
     /// [`WeightsError::Missing`] where `weights` are those of another network.
     pub fn new(plan: &'a Plan, weights: &Weights) -> Result<Self, WeightsError> {
-        let mut parameters = Vec::new();
-        for buffer in &plan.buffers {
-            parameters.push(match &buffer.place {
-                Place::Weights { pack, .. } => Some(Parameters::new(pack, weights)?),
-                Place::Arena { .. } => None,
-            });
-        }
-        let mut last_use = vec![usize::MAX; plan.buffers.len()];
+        let mut reference = Self::for_calls(plan.extent, &plan.buffers, weights)?;
+        reference.dispatches = &plan.dispatches;
         for (i, dispatch) in plan.dispatches.iter().enumerate() {
             let traffic = dispatch.traffic();
             for (buffer, _) in traffic.reads.iter().chain(&traffic.writes) {
-                last_use[buffer.0] = i;
+                reference.last_use[buffer.0] = i;
             }
         }
         for kept in [plan.log_color.buffer, plan.aux.buffer, plan.residual.buffer, plan.stats] {
-            last_use[kept.0] = usize::MAX;
+            reference.last_use[kept.0] = usize::MAX;
         }
-        let buffers = vec![Vec::new(); plan.buffers.len()];
-        Ok(Self { plan, parameters, buffers, last_use, frame: FrameData::black(plan.extent), output: Vec::new() })
+        Ok(reference)
+    }
+
+    /// Buffers without a plan, for [`Reference::run_call`], and a black frame of `extent`.
+    ///
+    /// # Errors
+    /// [`WeightsError::Missing`] where `weights` lack a tensor that a buffer packs.
+    pub fn for_calls(extent: Extent, buffers: &'a [Buffer], weights: &Weights) -> Result<Self, WeightsError> {
+        let parameters = buffers.iter().map(|buffer| match &buffer.place {
+            Place::Weights { pack, .. } => Parameters::new(pack, weights).map(Some),
+            Place::Arena { .. } => Ok(None),
+        });
+        Ok(Self {
+            extent,
+            planned: buffers,
+            dispatches: &[],
+            parameters: parameters.collect::<Result<_, _>>()?,
+            buffers: vec![Vec::new(); buffers.len()],
+            last_use: vec![usize::MAX; buffers.len()],
+            frame: FrameData::black(extent),
+            output: Vec::new(),
+        })
     }
 
     /// The frame to work on, its exposure (`None`: its own) and the share of the noisy colour in the output.
@@ -72,8 +88,8 @@ impl<'a> Reference<'a> {
     /// [`Error::EmptyFrame`]; [`Error::PlaneMismatch`], also where the frame is not of the plan's size.
     pub fn set_frame(&mut self, frame: &Frame, exposure: Option<f64>, blend: f64) -> Result<()> {
         frame.check()?;
-        if frame.extent != self.plan.extent {
-            let (found, expected) = (frame.extent, self.plan.extent);
+        if frame.extent != self.extent {
+            let (found, expected) = (frame.extent, self.extent);
             return Err(Error::PlaneMismatch {
                 plane: "colour",
                 reason: format!("the frame is {found:?}, the plan is for {expected:?}"),
@@ -92,7 +108,7 @@ impl<'a> Reference<'a> {
 
     /// Runs every dispatch. Of the arena only what the plan names itself (inputs, residual, statistics) is kept.
     pub fn run(&mut self) {
-        for i in 0..self.plan.dispatches.len() {
+        for i in 0..self.dispatches.len() {
             self.run_dispatch(i);
             for (buffer, &last) in self.buffers.iter_mut().zip(&self.last_use) {
                 if last == i {
@@ -104,7 +120,7 @@ impl<'a> Reference<'a> {
 
     /// Runs one dispatch of the plan.
     pub fn run_dispatch(&mut self, index: usize) {
-        self.run_call(&self.plan.dispatches[index].call);
+        self.run_call(&self.dispatches[index].call);
     }
 
     /// Runs one kernel over the plan's buffers.
@@ -173,7 +189,7 @@ impl<'a> Reference<'a> {
     fn buffer_mut(&mut self, id: BufferId) -> &mut [f64] {
         let buffer = &mut self.buffers[id.0];
         if buffer.is_empty() {
-            *buffer = vec![f64::NAN; (self.plan.buffer(id).bytes / ELEMENT_BYTES) as usize];
+            *buffer = vec![f64::NAN; (self.planned[id.0].bytes / ELEMENT_BYTES) as usize];
         }
         buffer
     }
@@ -182,7 +198,7 @@ impl<'a> Reference<'a> {
     fn parameters(&self, id: BufferId) -> &Parameters {
         match &self.parameters[id.0] {
             Some(parameters) => parameters,
-            None => unreachable!("{} holds no weights", self.plan.buffer(id).name),
+            None => unreachable!("{} holds no weights", self.planned[id.0].name),
         }
     }
 }

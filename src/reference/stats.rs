@@ -9,7 +9,7 @@ use crate::kernels::stats::{BINS, Clear, Histogram, Key, Select, TileMeans};
 
 /// Positions in the statistics.
 const MEDIAN: usize = 0;
-const DEPTH_SCALE: usize = 1;
+pub const DEPTH_SCALE: usize = 1;
 pub const KEY: usize = 2;
 pub const EXPOSURE: usize = 3;
 

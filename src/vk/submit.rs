@@ -6,6 +6,22 @@ use crate::error::{Error, Result};
 use ash::vk;
 use std::sync::PoisonError;
 
+/// Records a global memory barrier.
+///
+/// # Safety
+/// `commands` is recording and of this device.
+pub(crate) unsafe fn barrier(
+    device: &Device,
+    commands: vk::CommandBuffer,
+    (from, from_access): (vk::PipelineStageFlags, vk::AccessFlags),
+    (to, to_access): (vk::PipelineStageFlags, vk::AccessFlags),
+) {
+    let barrier = [vk::MemoryBarrier::default().src_access_mask(from_access).dst_access_mask(to_access)];
+    let flags = vk::DependencyFlags::empty();
+    // SAFETY: the caller vouches for `commands`.
+    unsafe { device.raw().cmd_pipeline_barrier(commands, from, to, flags, &barrier, &[], &[]) };
+}
+
 /// One primary command buffer with its fence and a pair of timestamps around it.
 pub(crate) struct Submission {
     device: Device,

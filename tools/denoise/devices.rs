@@ -20,7 +20,9 @@ struct Row {
 pub fn list(json: bool) -> Result<(), Failure> {
     let devices = Device::list().map_err(Failure::failed)?;
     if devices.is_empty() {
-        return Err(Failure::Failed("there is no Vulkan device: install a driver (Debian: mesa-vulkan-drivers)".into()));
+        return Err(Failure::Failed(
+            "there is no Vulkan device: install a driver (Debian: mesa-vulkan-drivers)".into(),
+        ));
     }
     for device in devices {
         let row = Row {

@@ -48,9 +48,7 @@ fn file_name(path: &Path) -> &str {
 /// The last number in a file's name, before the extension.
 fn own_number(path: &Path) -> Option<u64> {
     let stem = path.file_stem()?.to_str()?;
-    let end = stem.rfind(|c: char| c.is_ascii_digit())? + 1;
-    let start = stem[..end].rfind(|c: char| !c.is_ascii_digit()).map_or(0, |at| at + stem[at..].chars().next().map_or(1, char::len_utf8));
-    stem[start..end].parse().ok()
+    stem.split(|c: char| !c.is_ascii_digit()).rfind(|run| !run.is_empty())?.parse().ok()
 }
 
 /// Finds the files that an argument names. A file of that very name comes before any meaning as a pattern.
@@ -80,7 +78,8 @@ fn matches(argument: &Path, pattern: &Pattern) -> Result<Vec<FrameFile>, String>
         Some(parent) if !parent.as_os_str().is_empty() => parent,
         _ => Path::new("."),
     };
-    let entries = std::fs::read_dir(directory).map_err(|e| format!("cannot read directory {}: {e}", directory.display()))?;
+    let entries =
+        std::fs::read_dir(directory).map_err(|e| format!("cannot read directory {}: {e}", directory.display()))?;
     let names = entries.filter_map(|entry| entry.ok()?.file_name().into_string().ok());
     let found = names.filter_map(|name| {
         let number = pattern.number(&name)?;

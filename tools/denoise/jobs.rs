@@ -1,8 +1,8 @@
 //! What to do, checked as far as it can be without reading an image: which input goes where, with which other files.
 
+use crate::Failure;
 use crate::args::Args;
 use crate::frames::{FrameFile, companion, expand};
-use crate::Failure;
 use std::collections::HashMap;
 use std::path::{Path, PathBuf};
 use vkdenoise::exr_io::{FeatureSource, LayerOptions};

@@ -2,8 +2,8 @@
 
 use image::{ExtendedColorType, ImageEncoder, codecs::png::PngEncoder};
 use std::path::Path;
-use vkdenoise::exr_io::{ExrError, replace_file};
 use vkdenoise::Extent;
+use vkdenoise::exr_io::{ExrError, replace_file};
 
 /// Writes images of one size (interleaved RGB) side by side: times `exposure`, gamma 2.2, 8 bits.
 pub fn write(path: &Path, extent: Extent, exposure: f32, images: &[&[f32]]) -> Result<(), ExrError> {

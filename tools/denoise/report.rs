@@ -29,7 +29,7 @@ pub struct Outcome<'a> {
     pub extent: Extent,
     pub device: &'a str,
     pub driver: &'a str,
-    pub precision: &'static str,
+    pub precision: String,
     pub report: &'a Report,
     pub selection: &'a Selection,
     /// Before and after, if there is a reference.
@@ -84,7 +84,7 @@ impl Outcome<'_> {
             height: self.extent.height,
             device: self.device,
             driver: self.driver,
-            precision: self.precision,
+            precision: &self.precision,
             exposure: self.report.exposure,
             gpu_ms: self.report.gpu_ms,
             total_ms: self.report.total_ms,

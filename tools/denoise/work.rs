@@ -12,10 +12,12 @@ use vkdenoise::{Denoiser, Device, DeviceSelector, Error, Layout, Options, PlaneM
 /// Does all jobs. One that fails does not keep the others from being done.
 pub fn run(args: &Args, jobs: &[Job]) -> Result<(), Failure> {
     let weights = match &args.weights {
-        Some(file) => Weights::load(file),
-        None => Weights::hybrid(),
+        Some(file) => {
+            Weights::from_file(file).map_err(|error| Failure::Failed(format!("{}: {error}", file.display())))?
+        }
+        None => Weights::hybrid().map_err(Failure::failed)?,
     };
-    let mut session = Session { args, weights: weights.map_err(Failure::failed)?, engine: None, bar: bar(args, jobs.len()) };
+    let mut session = Session { args, weights, engine: None, bar: bar(args, jobs.len()) };
     let mut failed = 0;
     for job in jobs {
         match session.denoise(job) {
@@ -78,12 +80,7 @@ struct Engine {
 impl Engine {
     fn open(args: &Args, weights: &Weights) -> Result<Self, Error> {
         let selector = args.device.clone().or_else(DeviceSelector::from_env).unwrap_or_default();
-        let options = Options {
-            precision: args.precision,
-            exposure: args.exposure,
-            blend: args.blend,
-            ..Options::default()
-        };
+        let options = Options { precision: args.precision, exposure: args.exposure, blend: args.blend };
         let device = Device::open(&selector)?;
         let denoiser = Denoiser::new(&device, weights, &options)?;
         Ok(Self { device, denoiser })
@@ -101,7 +98,8 @@ impl Session<'_> {
         // Opened for the first image: by now the arguments and that image have proved good.
         let engine = match &mut self.engine {
             Some(engine) => engine,
-            none => none.insert(Engine::open(self.args, &self.weights).map_err(|e| Trouble::Everything(Failure::failed(e)))?),
+            none => none
+                .insert(Engine::open(self.args, &self.weights).map_err(|e| Trouble::Everything(Failure::failed(e)))?),
         };
         let mut color = vec![0.0; image.color().len()];
         let target = PlaneMut::f32(&mut color, Layout::interleaved(extent, 3));
@@ -127,10 +125,18 @@ impl Session<'_> {
             }
             None => None,
         };
-        let (device, precision) = (engine.device.clone(), engine.denoiser.precision());
-        let selection = image.selection();
-        self.tell(&Outcome { job, extent, device: &device.info().name, driver: &device.info().driver, precision, report: &report, selection, figures })
-            .map_err(Trouble::Everything)
+        let (info, precision) = (engine.device.info().clone(), engine.denoiser.precision().to_string());
+        self.tell(&Outcome {
+            job,
+            extent,
+            device: &info.name,
+            driver: &info.driver,
+            precision,
+            report: &report,
+            selection: image.selection(),
+            figures,
+        })
+        .map_err(Trouble::Everything)
     }
 
     fn say(&self, text: impl FnOnce() -> String) {
@@ -141,11 +147,7 @@ impl Session<'_> {
 
     fn tell(&self, outcome: &Outcome) -> Result<(), Failure> {
         self.say(|| outcome.summary());
-        let line = if self.args.json {
-            Some(outcome.json().map_err(Failure::failed)?)
-        } else {
-            outcome.figures_text()
-        };
+        let line = if self.args.json { Some(outcome.json().map_err(Failure::failed)?) } else { outcome.figures_text() };
         line.map_or(Ok(()), |line| self.bar.suspend(|| print_line(&line)))
     }
 }
@@ -155,12 +157,15 @@ fn read_reference(job: &Job, image: &ExrFrame) -> Result<ExrFrame, Trouble> {
     let path = job.reference.as_deref().unwrap_or(&job.input);
     let named = ExrFrame::read(path, &LayerOptions::color_only(job.layers.layer.clone()));
     let reference = match named {
-        Err(ExrError::NoLayer { .. }) if job.layers.layer.is_some() => ExrFrame::read(path, &LayerOptions::color_only(None)),
+        Err(ExrError::NoLayer { .. }) if job.layers.layer.is_some() => {
+            ExrFrame::read(path, &LayerOptions::color_only(None))
+        }
         other => other,
     }?;
     let (wanted, found) = (image.extent(), reference.extent());
     if found != wanted {
-        let sizes = format!("{} x {} pixels, the image {} x {}", found.width, found.height, wanted.width, wanted.height);
+        let sizes =
+            format!("{} x {} pixels, the image {} x {}", found.width, found.height, wanted.width, wanted.height);
         return Err(Trouble::Image(format!("reference {} has {sizes}", path.display())));
     }
     Ok(reference)

@@ -14,6 +14,7 @@ from datetime import datetime
 from pathlib import Path
 
 import torch
+import torch.nn.functional as F
 from tqdm import tqdm
 
 from . import checkpoint
@@ -23,14 +24,16 @@ from .data import TrainingSet, load_views
 from .denoise import denoise
 from .metrics import psnr
 from .model import Denoiser
+from .start import start_as_blur
 
 EPSILON = 0.01
 
 
-def relative_l2(prediction, target):
-    """Mean of (y - yhat)^2 / (mean_rgb(y)^2 + 0.01), in the log domain. [N, 3, H, W]"""
-    weight = 1 / (target.mean(1, keepdim=True) ** 2 + EPSILON)
-    return ((prediction - target) ** 2 * weight).mean()
+def relative_l2(prediction, target, delta):
+    """Mean of (y - yhat)^2 / (mean_rgb(y)^2 + 0.01), in the log domain, [N, 3, H, W]. Relative errors beyond `delta` count
+    linearly: at 1 spp a few dark pixels beside fireflies would otherwise be most of the gradient."""
+    scale = torch.rsqrt(target.mean(1, keepdim=True) ** 2 + EPSILON)
+    return 2 * F.huber_loss(prediction * scale, target * scale, delta=delta)
 
 
 def learning_rate(step, progress, peak, warm_up, floor=1e-6):
@@ -58,13 +61,13 @@ class Budget:
         return self.seconds() / max(self.seconds() + self.end - time.time(), 1e-9)
 
 
-def optimizer_of(model):
+def optimizer_of(model, beta2=0.999):
     """AdamW that decays matrices and kernels only."""
     decay, keep = [], []
     for name, p in model.named_parameters():
         (decay if name.endswith(".weight") and p.dim() > 1 else keep).append(p)
     groups = [{"params": decay, "weight_decay": 0.02}, {"params": keep, "weight_decay": 0.0}]
-    return torch.optim.AdamW(groups, betas=(0.9, 0.999), eps=1e-8, fused=True)
+    return torch.optim.AdamW(groups, betas=(0.9, beta2), eps=1e-8, fused=True)
 
 
 def validate(model, views):
@@ -93,10 +96,14 @@ class Trainer:
         self.out = Path(args.out)
         self.out.mkdir(parents=True, exist_ok=True)
         self.model = Denoiser(ARCHITECTURES[args.arch]).to(self.device)
+        if args.blur_start:
+            start_as_blur(self.model)
+        if args.source:
+            self.model.load_state_dict(checkpoint.load(args.source)["average"])
         self.average = Denoiser(ARCHITECTURES[args.arch]).to(self.device).eval()
         self.average.load_state_dict(self.model.state_dict())
         self.parameters = list(self.model.parameters())
-        self.optimizer = optimizer_of(self.model)
+        self.optimizer = optimizer_of(self.model, args.beta2)
         self.pool = ThreadPoolExecutor(args.parallel, initializer=set_threads, initargs=(args.threads,))
         self.step, self.best, before = 0, -math.inf, 0.0
         if args.resume and (self.out / "last.pt").exists():
@@ -137,6 +144,10 @@ class Trainer:
             "steps": self.step,
             "batch": args.batch,
             "lr": args.lr,
+            "beta2": args.beta2,
+            "delta": args.delta,
+            "blur_start": args.blur_start,
+            "bf16": args.bf16,
             "average_decay": args.average_decay,
             "film_jitter": args.film_jitter,
             "seed": args.seed,
@@ -161,7 +172,7 @@ class Trainer:
         color, aux, target = (t.to(self.device, non_blocking=True) for t in share)
         with torch.autocast(self.device.type, torch.bfloat16, enabled=self.args.bf16):
             residual = self.model(color, aux)
-        loss = relative_l2(color + residual.float(), target) * (len(color) / self.args.batch)
+        loss = relative_l2(color + residual.float(), target, self.args.delta) * (len(color) / self.args.batch)
         return loss.item(), torch.autograd.grad(loss, self.parameters)
 
     def gradients(self, batch):
@@ -241,7 +252,10 @@ def parse(argv=None):
     p.add_argument("--steps", type=int, help="the schedule ends after this many steps; overrides both")
     p.add_argument("--batch", type=int, default=4)
     p.add_argument("--lr", type=float, default=1e-3, help="peak learning rate")
+    p.add_argument("--beta2", type=float, default=0.999, help="of AdamW; less suits short runs")
     p.add_argument("--warm-up", type=int, default=200, help="steps")
+    p.add_argument("--delta", type=float, default=0.5, help="relative error from which the loss is linear")
+    p.add_argument("--blur-start", action="store_true", help="start as a blur (see start.py)")
     p.add_argument("--clip", type=float, default=1.0, help="largest gradient norm")
     p.add_argument("--average-decay", type=float, default=0.998, help="of the moving average of the weights")
     p.add_argument("--film-jitter", type=float, default=0.3, help="largest share of another crop in a FiLM mean")
@@ -254,7 +268,8 @@ def parse(argv=None):
     p.add_argument("--seed", type=int, default=1)
     p.add_argument("--log-every", type=int, default=50, help="steps")
     p.add_argument("--check-minutes", type=float, default=5.0, help="between validations and checkpoints")
-    p.add_argument("--resume", action="store_true")
+    p.add_argument("--resume", action="store_true", help="go on from last.pt")
+    p.add_argument("--from", dest="source", help="checkpoint whose averaged weights a new run starts from")
     return p.parse_args(argv)
 
 

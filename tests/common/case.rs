@@ -1,0 +1,230 @@
+//! Kernel cases: calls over buffers that exist twice, on the device and in the f64 reference.
+
+use super::compare::nmse;
+use super::device::{assert_no_validation_messages, device};
+use super::random::Random;
+use vkdenoise::frame::Extent;
+use vkdenoise::kernels::{BufferId, Call, Tiles, Variants, View};
+use vkdenoise::net::{
+    Arch, Block, Bottleneck, Convolution, Decoder, DepthRule, ExposureRule, Preprocessing, StageSpec, Weights,
+};
+use vkdenoise::plan::pack::Pack;
+use vkdenoise::plan::{Buffer, Place};
+use vkdenoise::reference::Reference;
+use vkdenoise::testing::{Bench, SENTINEL};
+
+/// What every preprocessing is in tests.
+pub const PREPROCESSING: Preprocessing = Preprocessing { exposure: ExposureRule::Auto, depth: DepthRule::Percentile };
+
+/// What a kernel may be wrong by: NMSE of its result, without residual.
+pub const KERNEL_LIMIT: f64 = 1e-10;
+
+/// Random weights of a network of two FiLM stages, of `channels` (a standard convolution) and twice as many (a separable
+/// one), and a bottleneck of four times as many.
+pub fn small_net(channels: u32, bottleneck: Block) -> Weights {
+    let stage = |conv| StageSpec { encoder_blocks: 1, decoder_blocks: 1, heads: 1, block: Block::FilmCnn { conv } };
+    let arch = Arch {
+        name: "cases".into(),
+        channels,
+        window: 8,
+        patch: 2,
+        decoder: Decoder::Symmetric,
+        stages: vec![stage(Convolution::Standard), stage(Convolution::Separable)],
+        bottleneck: Bottleneck { blocks: 1, heads: 8, block: bottleneck },
+    };
+    Weights::hashed(&arch, PREPROCESSING, 3).unwrap()
+}
+
+/// The variants to run: with weights handed round in the subgroup, if the device can, and without.
+pub fn variants() -> Vec<Variants> {
+    let plain = Variants { broadcast: false, images: false, output_half: false };
+    let both = [plain, Variants { broadcast: true, ..plain }];
+    both.into_iter().filter(|v| !v.broadcast || Bench::can_broadcast(device())).collect()
+}
+
+/// Makes the buffers on a bench, in order, and fills those of weights.
+pub fn make_buffers(bench: &mut Bench, buffers: &[Buffer], weights: &Weights) {
+    for (i, buffer) in buffers.iter().enumerate() {
+        let id = bench.buffer(&buffer.name, buffer.bytes).unwrap();
+        assert_eq!(id, BufferId(i));
+        if let Place::Weights { pack, .. } = &buffer.place {
+            let mut packed = vec![0.0; pack.len()];
+            pack.write(weights, &mut packed).unwrap();
+            bench.upload(id, &packed);
+        }
+    }
+}
+
+/// The bits of a tile list's entries, as the device reads them.
+pub fn tile_bits(tiles: &[(u32, u32)]) -> Vec<f32> {
+    tiles.iter().map(|(x, y)| f32::from_bits(x | y << 16)).collect()
+}
+
+enum Content {
+    Nothing,
+    Floats(Vec<f32>),
+    Tiles(Vec<(u32, u32)>),
+}
+
+/// A list of cases, run together.
+pub struct Cases {
+    /// Where shapes and values come from.
+    pub random: Random,
+    weights: Weights,
+    buffers: Vec<Buffer>,
+    contents: Vec<Content>,
+    cases: Vec<(Call, BufferId)>,
+}
+
+impl Cases {
+    /// No cases yet. Packs are made from `weights`; those of dense kernels may ask for less than a tensor holds.
+    pub fn new(seed: u64, weights: Weights) -> Self {
+        Self { random: Random::new(seed), weights, buffers: Vec::new(), contents: Vec::new(), cases: Vec::new() }
+    }
+
+    fn push(&mut self, name: &str, bytes: u64, place: Place, content: Content) -> BufferId {
+        let name = format!("{name} {}", self.buffers.len());
+        self.buffers.push(Buffer { name, bytes, place });
+        self.contents.push(content);
+        BufferId(self.buffers.len() - 1)
+    }
+
+    fn in_arena(&mut self, name: &str, bytes: usize, content: Content) -> BufferId {
+        self.push(name, bytes as u64, Place::Arena { block: 0, offset: 0 }, content)
+    }
+
+    /// A buffer that the kernel reads.
+    pub fn filled(&mut self, name: &str, values: Vec<f32>) -> BufferId {
+        self.in_arena(name, 4 * values.len(), Content::Floats(values))
+    }
+
+    /// A buffer that the kernel writes.
+    pub fn empty(&mut self, name: &str, elements: usize) -> BufferId {
+        self.in_arena(name, 4 * elements, Content::Nothing)
+    }
+
+    /// Packed weights.
+    pub fn pack(&mut self, pack: Pack) -> BufferId {
+        let bytes = 4 * pack.len() as u64;
+        self.push("weights", bytes, Place::Weights { pack, offset: 0 }, Content::Nothing)
+    }
+
+    /// A map of random values in -`scale`..`scale`, somewhere in the channels of a wider one.
+    pub fn map(&mut self, size: (u32, u32), channels: u32, scale: f32) -> View {
+        let view = self.target(size, channels);
+        let values = self.random.values((view.tokens() * u64::from(view.stride)) as usize, -scale, scale);
+        self.contents[view.buffer.0] = Content::Floats(values);
+        view
+    }
+
+    /// A map to write, somewhere in the channels of a wider one.
+    pub fn target(&mut self, (width, height): (u32, u32), channels: u32) -> View {
+        let channels = channels.next_multiple_of(4);
+        let first = 4 * self.random.pick(&[0, 0, 1, 3, 8]);
+        let stride = first + channels + 4 * self.random.pick(&[0, 0, 1, 5]);
+        let buffer = self.empty("map", (width * height * stride) as usize);
+        View { buffer, first, channels, stride, width, height }
+    }
+
+    /// Every tile of a map, or some of them in any order.
+    pub fn tiles(&mut self, (width, height): (u32, u32)) -> Tiles {
+        let mut list: Vec<_> = (0..height / 8).flat_map(|y| (0..width / 8).map(move |x| (x, y))).collect();
+        if self.random.coin() {
+            return Tiles::All;
+        }
+        for i in (1..list.len()).rev() {
+            list.swap(i, self.random.integer(0, i as u32) as usize);
+        }
+        list.truncate(self.random.integer(1, list.len() as u32) as usize);
+        let count = list.len() as u32;
+        let buffer = self.in_arena("tiles", 4 * list.len(), Content::Tiles(list));
+        Tiles::List { buffer, count }
+    }
+
+    /// Adds a call that writes `result`.
+    pub fn add(&mut self, call: Call, result: BufferId) {
+        self.cases.push((call, result));
+    }
+
+    /// Runs all calls with all variants, twice, and compares: results within `limit`, elements that are not to be
+    /// written, inputs and surroundings untouched, both runs equal in every bit. Prints the worst NMSE.
+    pub fn check(&self, name: &str, limit: f64) {
+        let expected = self.reference();
+        for variants in variants() {
+            let mut bench = Bench::new(device(), variants).unwrap();
+            make_buffers(&mut bench, &self.buffers, &self.weights);
+            let calls: Vec<Call> = self.cases.iter().map(|(call, _)| call.clone()).collect();
+            let mut before = Vec::new();
+            for (i, content) in self.contents.iter().enumerate() {
+                match content {
+                    Content::Nothing => {}
+                    Content::Floats(values) => bench.upload(BufferId(i), values),
+                    Content::Tiles(tiles) => bench.upload(BufferId(i), &tile_bits(tiles)),
+                }
+                before.push(self.bits(&bench, BufferId(i)));
+            }
+            bench.run(&calls).unwrap();
+            let used: Vec<u64> = self.buffers.iter().map(|buffer| buffer.bytes).collect();
+            bench.check_guards(&used).unwrap();
+            let after: Vec<_> = (0..before.len()).map(|i| self.bits(&bench, BufferId(i))).collect();
+
+            let mut worst = 0.0f64;
+            for (case, (call, result)) in self.cases.iter().enumerate() {
+                let nmse = compare(&after[result.0], &expected[case])
+                    .unwrap_or_else(|wrong| panic!("{name} {variants:?}: {wrong} in {call:?}"));
+                assert!(nmse <= limit, "{name} {variants:?}: NMSE {nmse:.1e} in {call:?}");
+                worst = worst.max(nmse);
+            }
+            for (i, (before, after)) in before.iter().zip(&after).enumerate() {
+                let is_result = self.cases.iter().any(|(_, result)| result.0 == i);
+                assert!(is_result || before == after, "{name}: {} was overwritten", self.buffers[i].name);
+            }
+            bench.run(&calls).unwrap();
+            for (_, result) in &self.cases {
+                assert!(self.bits(&bench, *result) == after[result.0], "{name}: another run, other bits");
+            }
+            println!("{name}, broadcast {}: {} cases, NMSE {worst:.1e}", variants.broadcast, self.cases.len());
+        }
+        assert_no_validation_messages();
+    }
+
+    /// Every result as it should be; NaN where nothing is to be written.
+    fn reference(&self) -> Vec<Vec<f64>> {
+        let mut reference = Reference::for_calls(Extent::new(1, 1), &self.buffers, &self.weights).unwrap();
+        for (i, content) in self.contents.iter().enumerate() {
+            match content {
+                Content::Nothing => {}
+                Content::Floats(values) => {
+                    let wide: Vec<f64> = values.iter().map(|&v| v.into()).collect();
+                    reference.set_buffer(BufferId(i), &wide);
+                }
+                Content::Tiles(tiles) => reference.set_tiles(BufferId(i), tiles),
+            }
+        }
+        let mut results = Vec::new();
+        for (call, result) in &self.cases {
+            reference.run_call(call);
+            results.push(reference.buffer(*result).to_vec());
+        }
+        results
+    }
+
+    fn bits(&self, bench: &Bench, id: BufferId) -> Vec<u32> {
+        let values = bench.download(id, self.buffers[id.0].bytes as usize / 4);
+        values.into_iter().map(f32::to_bits).collect()
+    }
+}
+
+/// NMSE of what was to be written; an error where something else was.
+pub fn compare(found: &[u32], expected: &[f64]) -> Result<f64, String> {
+    let (mut written, mut wanted) = (Vec::new(), Vec::new());
+    for (i, (&bits, &value)) in found.iter().zip(expected).enumerate() {
+        if !value.is_nan() {
+            written.push(f32::from_bits(bits));
+            wanted.push(value);
+        } else if bits != SENTINEL {
+            return Err(format!("element {i} was written"));
+        }
+    }
+    Ok(nmse(&written, &wanted))
+}

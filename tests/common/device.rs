@@ -1,0 +1,22 @@
+//! One device per test binary, under the validation layer.
+
+use std::sync::OnceLock;
+use vkdenoise::vk::device::DeviceOptions;
+use vkdenoise::{Device, DeviceSelector};
+
+/// The device that `VKDENOISE_DEVICE` names, or the best.
+pub fn device() -> &'static Device {
+    static DEVICE: OnceLock<Device> = OnceLock::new();
+    DEVICE.get_or_init(|| {
+        let selector = DeviceSelector::from_env().unwrap_or_default();
+        let device = Device::open_with(&DeviceOptions { selector, validation: true });
+        device.unwrap_or_else(|error| panic!("no device to test on: {error}"))
+    })
+}
+
+/// Fails with the first messages of the validation layer, if there are any.
+pub fn assert_no_validation_messages() {
+    let messages = device().validation_messages();
+    let first = messages.iter().take(3).map(String::as_str).collect::<Vec<_>>().join("\n");
+    assert!(messages.is_empty(), "{} validation messages:\n{first}", messages.len());
+}

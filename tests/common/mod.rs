@@ -1,0 +1,10 @@
+//! What the tests share: the device, random numbers, comparisons, kernel cases, golden vectors.
+
+#![allow(dead_code, reason = "each test binary uses a part")]
+
+pub mod case;
+pub mod compare;
+pub mod device;
+pub mod golden;
+pub mod random;
+pub mod vulkan;

@@ -1,0 +1,370 @@
+//! A renderer's own Vulkan: instance with validation, device, queue, buffers, images. Written with ash alone, as a
+//! renderer would.
+
+use ash::{ext, vk};
+use half::f16;
+use std::ffi::{CStr, c_void};
+use std::sync::Mutex;
+use vkdenoise::{Device, Extent, ImageFormat, ImagePlane};
+
+pub struct Renderer {
+    _entry: ash::Entry,
+    pub instance: ash::Instance,
+    pub physical_device: vk::PhysicalDevice,
+    pub device: ash::Device,
+    pub queue_family: u32,
+    pub storage16: bool,
+    queue: vk::Queue,
+    pool: vk::CommandPool,
+    memory: vk::PhysicalDeviceMemoryProperties,
+    messages: Box<Mutex<Vec<String>>>,
+}
+
+unsafe extern "system" fn on_message(
+    _: vk::DebugUtilsMessageSeverityFlagsEXT,
+    _: vk::DebugUtilsMessageTypeFlagsEXT,
+    data: *const vk::DebugUtilsMessengerCallbackDataEXT<'_>,
+    user: *mut c_void,
+) -> vk::Bool32 {
+    // SAFETY: the layer passes valid data; the user pointer is the renderer's boxed list.
+    unsafe {
+        let text = (*data).message_as_c_str().unwrap_or(c"").to_string_lossy().into_owned();
+        (*user.cast::<Mutex<Vec<String>>>()).lock().unwrap().push(text);
+    }
+    vk::FALSE
+}
+
+impl Renderer {
+    /// A renderer on the device that the tests run on. It leaks its Vulkan objects when the process ends.
+    pub fn new() -> Self {
+        // SAFETY: plain Vulkan set-up; every pointer outlives its call.
+        unsafe {
+            let entry = ash::Entry::load().unwrap();
+            let app = vk::ApplicationInfo::default().api_version(vk::API_VERSION_1_2);
+            let layers = [c"VK_LAYER_KHRONOS_validation".as_ptr()];
+            let extensions = [ext::debug_utils::NAME.as_ptr(), ext::validation_features::NAME.as_ptr()];
+            let enabled = [vk::ValidationFeatureEnableEXT::SYNCHRONIZATION_VALIDATION];
+            let mut features = vk::ValidationFeaturesEXT::default().enabled_validation_features(&enabled);
+            let info = vk::InstanceCreateInfo::default()
+                .application_info(&app)
+                .enabled_layer_names(&layers)
+                .enabled_extension_names(&extensions)
+                .push_next(&mut features);
+            let instance = entry.create_instance(&info, None).unwrap();
+            let mut messages = Box::new(Mutex::new(Vec::new()));
+            let info = vk::DebugUtilsMessengerCreateInfoEXT::default()
+                .message_severity(
+                    vk::DebugUtilsMessageSeverityFlagsEXT::WARNING | vk::DebugUtilsMessageSeverityFlagsEXT::ERROR,
+                )
+                .message_type(vk::DebugUtilsMessageTypeFlagsEXT::VALIDATION)
+                .pfn_user_callback(Some(on_message))
+                .user_data((&raw mut *messages).cast());
+            let loader = ext::debug_utils::Instance::new(&entry, &instance);
+            loader.create_debug_utils_messenger(&info, None).unwrap();
+
+            let wanted = super::device::device().info().name.clone();
+            let physical_device = *instance
+                .enumerate_physical_devices()
+                .unwrap()
+                .iter()
+                .find(|p| {
+                    let properties = instance.get_physical_device_properties(**p);
+                    properties.device_name_as_c_str().map(CStr::to_string_lossy).is_ok_and(|name| name == wanted)
+                })
+                .unwrap();
+            let families = instance.get_physical_device_queue_family_properties(physical_device);
+            let compute = |f: &vk::QueueFamilyProperties| f.queue_flags.contains(vk::QueueFlags::COMPUTE);
+            let queue_family = families.iter().position(compute).unwrap() as u32;
+
+            let mut available11 = vk::PhysicalDeviceVulkan11Features::default();
+            let mut available = vk::PhysicalDeviceFeatures2::default().push_next(&mut available11);
+            instance.get_physical_device_features2(physical_device, &mut available);
+            let storage16 = available11.storage_buffer16_bit_access == vk::TRUE;
+            assert_eq!(Device::requirements().features, ["bufferDeviceAddress"]);
+            assert!(Device::requirements().extensions.is_empty());
+            let mut features12 = vk::PhysicalDeviceVulkan12Features::default().buffer_device_address(true);
+            let mut features11 = vk::PhysicalDeviceVulkan11Features::default().storage_buffer16_bit_access(storage16);
+            let queues =
+                [vk::DeviceQueueCreateInfo::default().queue_family_index(queue_family).queue_priorities(&[1.0])];
+            let info = vk::DeviceCreateInfo::default()
+                .queue_create_infos(&queues)
+                .push_next(&mut features12)
+                .push_next(&mut features11);
+            let device = instance.create_device(physical_device, &info, None).unwrap();
+            let queue = device.get_device_queue(queue_family, 0);
+            let info = vk::CommandPoolCreateInfo::default().queue_family_index(queue_family);
+            let pool = device.create_command_pool(&info, None).unwrap();
+            let memory = instance.get_physical_device_memory_properties(physical_device);
+            Self {
+                _entry: entry,
+                instance,
+                physical_device,
+                device,
+                queue_family,
+                storage16,
+                queue,
+                pool,
+                memory,
+                messages,
+            }
+        }
+    }
+
+    pub fn assert_silent(&self) {
+        let messages = self.messages.lock().unwrap();
+        assert!(messages.is_empty(), "validation: {messages:#?}");
+    }
+
+    fn commands(&self, record: impl FnOnce(vk::CommandBuffer)) -> vk::CommandBuffer {
+        // SAFETY: pool and device are ours, used by one thread.
+        unsafe {
+            let info = vk::CommandBufferAllocateInfo::default().command_pool(self.pool).command_buffer_count(1);
+            let commands = self.device.allocate_command_buffers(&info).unwrap()[0];
+            self.device.begin_command_buffer(commands, &vk::CommandBufferBeginInfo::default()).unwrap();
+            record(commands);
+            self.device.end_command_buffer(commands).unwrap();
+            commands
+        }
+    }
+
+    /// Records without submitting.
+    pub fn record_only(&self, record: impl FnOnce(vk::CommandBuffer)) {
+        self.commands(record);
+    }
+
+    pub fn submit(&self, record: impl FnOnce(vk::CommandBuffer)) -> vk::Fence {
+        let buffers = [self.commands(record)];
+        // SAFETY: the command buffer is recorded; queue and fence are ours.
+        unsafe {
+            let fence = self.device.create_fence(&vk::FenceCreateInfo::default(), None).unwrap();
+            let info = [vk::SubmitInfo::default().command_buffers(&buffers)];
+            self.device.queue_submit(self.queue, &info, fence).unwrap();
+            fence
+        }
+    }
+
+    pub fn wait(&self, fence: vk::Fence) {
+        // SAFETY: the fence is ours and was submitted.
+        unsafe {
+            self.device.wait_for_fences(&[fence], true, u64::MAX).unwrap();
+            self.device.destroy_fence(fence, None);
+        }
+    }
+
+    pub fn barrier_to_host(&self, commands: vk::CommandBuffer) {
+        let barrier = [vk::MemoryBarrier::default()
+            .src_access_mask(vk::AccessFlags::SHADER_WRITE | vk::AccessFlags::TRANSFER_WRITE)
+            .dst_access_mask(vk::AccessFlags::HOST_READ)];
+        let from = vk::PipelineStageFlags::COMPUTE_SHADER | vk::PipelineStageFlags::TRANSFER;
+        let to = vk::PipelineStageFlags::HOST;
+        // SAFETY: the command buffer is recording.
+        unsafe {
+            self.device.cmd_pipeline_barrier(commands, from, to, vk::DependencyFlags::empty(), &barrier, &[], &[]);
+        }
+    }
+
+    fn allocate(&self, requirements: vk::MemoryRequirements, wanted: vk::MemoryPropertyFlags) -> vk::DeviceMemory {
+        let fits = |(i, ty): &(usize, &vk::MemoryType)| {
+            requirements.memory_type_bits & (1 << i) != 0 && ty.property_flags.contains(wanted)
+        };
+        let (index, _) = self.memory.memory_types_as_slice().iter().enumerate().find(fits).unwrap();
+        let mut flags = vk::MemoryAllocateFlagsInfo::default().flags(vk::MemoryAllocateFlags::DEVICE_ADDRESS);
+        let info = vk::MemoryAllocateInfo::default()
+            .allocation_size(requirements.size)
+            .memory_type_index(index as u32)
+            .push_next(&mut flags);
+        // SAFETY: plain allocation on our device.
+        unsafe { self.device.allocate_memory(&info, None) }.unwrap()
+    }
+
+    pub fn buffer(&self, size: u64) -> RendererBuffer {
+        let usage = vk::BufferUsageFlags::STORAGE_BUFFER
+            | vk::BufferUsageFlags::SHADER_DEVICE_ADDRESS
+            | vk::BufferUsageFlags::TRANSFER_SRC
+            | vk::BufferUsageFlags::TRANSFER_DST;
+        let info = vk::BufferCreateInfo::default().size(size).usage(usage);
+        // SAFETY: plain buffer on our device, mapped for good.
+        unsafe {
+            let raw = self.device.create_buffer(&info, None).unwrap();
+            let host = vk::MemoryPropertyFlags::HOST_VISIBLE | vk::MemoryPropertyFlags::HOST_COHERENT;
+            let memory = self.allocate(self.device.get_buffer_memory_requirements(raw), host);
+            self.device.bind_buffer_memory(raw, memory, 0).unwrap();
+            let mapped = self.device.map_memory(memory, 0, size, vk::MemoryMapFlags::empty()).unwrap();
+            mapped.cast::<u8>().write_bytes(0, size as usize);
+            RendererBuffer { raw, size, mapped: mapped.cast() }
+        }
+    }
+}
+
+pub struct RendererBuffer {
+    pub raw: vk::Buffer,
+    pub size: u64,
+    mapped: *mut u8,
+}
+
+impl RendererBuffer {
+    pub fn write(&self, bytes: &[u8]) {
+        assert!(bytes.len() as u64 <= self.size);
+        // SAFETY: the memory is mapped and at least that long.
+        unsafe { self.mapped.copy_from_nonoverlapping(bytes.as_ptr(), bytes.len()) };
+    }
+
+    pub fn read(&self) -> Vec<u8> {
+        // SAFETY: the memory is mapped and that long.
+        unsafe { std::slice::from_raw_parts(self.mapped, self.size as usize).to_vec() }
+    }
+}
+
+/// An image in GENERAL layout, filled through a buffer.
+pub struct RendererImage<'a> {
+    renderer: &'a Renderer,
+    raw: vk::Image,
+    view: vk::ImageView,
+    format: ImageFormat,
+    extent: Extent,
+}
+
+const WHOLE: vk::ImageSubresourceRange = vk::ImageSubresourceRange {
+    aspect_mask: vk::ImageAspectFlags::COLOR,
+    base_mip_level: 0,
+    level_count: 1,
+    base_array_layer: 0,
+    layer_count: 1,
+};
+
+impl<'a> RendererImage<'a> {
+    /// An image with `values` of `channels` channels, alpha 1; zeroes where there are none.
+    pub fn new(renderer: &'a Renderer, extent: Extent, format: ImageFormat, values: &[f32], channels: usize) -> Self {
+        let vk_format = match format {
+            ImageFormat::Rgba16F => vk::Format::R16G16B16A16_SFLOAT,
+            ImageFormat::Rgba32F => vk::Format::R32G32B32A32_SFLOAT,
+            ImageFormat::R32F => vk::Format::R32_SFLOAT,
+        };
+        let pixels = extent.pixels() as usize;
+        let texels: Vec<f32> = match (format, values) {
+            (ImageFormat::R32F, []) => vec![0.0; pixels],
+            (ImageFormat::R32F, values) => values.to_vec(),
+            (_, []) => vec![0.0; 4 * pixels],
+            (_, values) => values.chunks_exact(channels).flat_map(|c| [c[0], c[1], c[2], 1.0]).collect(),
+        };
+        let halves: Vec<f16> = texels.iter().map(|v| f16::from_f32(*v)).collect();
+        let bytes: &[u8] = match format {
+            ImageFormat::Rgba16F => bytemuck::cast_slice(&halves),
+            _ => bytemuck::cast_slice(&texels),
+        };
+        let staging = renderer.buffer(bytes.len() as u64);
+        staging.write(bytes);
+        let info = vk::ImageCreateInfo::default()
+            .image_type(vk::ImageType::TYPE_2D)
+            .format(vk_format)
+            .extent(vk::Extent3D { width: extent.width, height: extent.height, depth: 1 })
+            .mip_levels(1)
+            .array_layers(1)
+            .samples(vk::SampleCountFlags::TYPE_1)
+            .usage(
+                vk::ImageUsageFlags::SAMPLED
+                    | vk::ImageUsageFlags::STORAGE
+                    | vk::ImageUsageFlags::TRANSFER_DST
+                    | vk::ImageUsageFlags::TRANSFER_SRC,
+            );
+        // SAFETY: plain image on our device.
+        let (raw, view) = unsafe {
+            let device = &renderer.device;
+            let raw = device.create_image(&info, None).unwrap();
+            let requirements = device.get_image_memory_requirements(raw);
+            let memory = renderer.allocate(requirements, vk::MemoryPropertyFlags::DEVICE_LOCAL);
+            device.bind_image_memory(raw, memory, 0).unwrap();
+            let info = vk::ImageViewCreateInfo::default()
+                .image(raw)
+                .view_type(vk::ImageViewType::TYPE_2D)
+                .format(vk_format)
+                .subresource_range(WHOLE);
+            (raw, device.create_image_view(&info, None).unwrap())
+        };
+        let image = Self { renderer, raw, view, format, extent };
+        let fence = renderer.submit(|commands| {
+            let undefined = vk::ImageLayout::UNDEFINED;
+            let transfer = (vk::PipelineStageFlags::TRANSFER, vk::AccessFlags::TRANSFER_WRITE);
+            image.transition(commands, undefined, (vk::PipelineStageFlags::TOP_OF_PIPE, vk::AccessFlags::empty()), transfer);
+            // SAFETY: the command buffer is recording; image and staging live until the fence.
+            unsafe {
+                let copy = [image.region()];
+                renderer.device.cmd_copy_buffer_to_image(
+                    commands,
+                    staging.raw,
+                    raw,
+                    vk::ImageLayout::GENERAL,
+                    &copy,
+                );
+            }
+            let compute =
+                (vk::PipelineStageFlags::COMPUTE_SHADER, vk::AccessFlags::SHADER_READ | vk::AccessFlags::SHADER_WRITE);
+            image.transition(commands, vk::ImageLayout::GENERAL, transfer, compute);
+        });
+        renderer.wait(fence);
+        image
+    }
+
+    pub fn plane(&self) -> ImagePlane {
+        ImagePlane { view: self.view, format: self.format, extent: self.extent, layout: vk::ImageLayout::GENERAL }
+    }
+
+    /// The image's RGB, read after the last compute work.
+    pub fn read_rgb(&self) -> Vec<f32> {
+        let bytes = if self.format == ImageFormat::Rgba16F { 8 } else { 16 };
+        let staging = self.renderer.buffer(bytes * self.extent.pixels());
+        let fence = self.renderer.submit(|commands| {
+            let compute = (vk::PipelineStageFlags::COMPUTE_SHADER, vk::AccessFlags::SHADER_WRITE);
+            let transfer = (vk::PipelineStageFlags::TRANSFER, vk::AccessFlags::TRANSFER_READ);
+            self.transition(commands, vk::ImageLayout::GENERAL, compute, transfer);
+            // SAFETY: the command buffer is recording; image and staging live until the fence.
+            unsafe {
+                let layout = vk::ImageLayout::GENERAL;
+                let copy = [self.region()];
+                self.renderer.device.cmd_copy_image_to_buffer(commands, self.raw, layout, staging.raw, &copy);
+            }
+            self.renderer.barrier_to_host(commands);
+        });
+        self.renderer.wait(fence);
+        let bytes = staging.read();
+        let texels: Vec<f32> = match self.format {
+            ImageFormat::Rgba16F => bytemuck::cast_slice::<u8, f16>(&bytes).iter().map(|h| h.to_f32()).collect(),
+            _ => bytemuck::cast_slice(&bytes).to_vec(),
+        };
+        assert!(texels.chunks_exact(4).all(|t| t[3] == 1.0), "the colour's alpha was not kept");
+        texels.chunks_exact(4).flat_map(|t| [t[0], t[1], t[2]]).collect()
+    }
+
+    fn region(&self) -> vk::BufferImageCopy {
+        vk::BufferImageCopy::default()
+            .image_subresource(vk::ImageSubresourceLayers {
+                aspect_mask: vk::ImageAspectFlags::COLOR,
+                mip_level: 0,
+                base_array_layer: 0,
+                layer_count: 1,
+            })
+            .image_extent(vk::Extent3D { width: self.extent.width, height: self.extent.height, depth: 1 })
+    }
+
+    /// To GENERAL, with a barrier between the two uses.
+    fn transition(
+        &self,
+        commands: vk::CommandBuffer,
+        from_layout: vk::ImageLayout,
+        (from, from_access): (vk::PipelineStageFlags, vk::AccessFlags),
+        (to, to_access): (vk::PipelineStageFlags, vk::AccessFlags),
+    ) {
+        let barrier = [vk::ImageMemoryBarrier::default()
+            .src_access_mask(from_access)
+            .dst_access_mask(to_access)
+            .old_layout(from_layout)
+            .new_layout(vk::ImageLayout::GENERAL)
+            .image(self.raw)
+            .subresource_range(WHOLE)];
+        // SAFETY: the command buffer is recording.
+        unsafe {
+            let flags = vk::DependencyFlags::empty();
+            self.renderer.device.cmd_pipeline_barrier(commands, from, to, flags, &[], &[], &barrier);
+        }
+    }
+}

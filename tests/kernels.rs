@@ -1,0 +1,258 @@
+//! Every kernel of the network against its f64 twin, over random shapes, strides, channel ranges and lists of tiles.
+
+mod common;
+
+use common::case::{Cases, KERNEL_LIMIT, small_net};
+use vkdenoise::kernels::dense::{Conv3x3, Linear};
+use vkdenoise::kernels::film::{FilmVector, TokenSum};
+use vkdenoise::kernels::maps::{Depthwise3x3, LayerNorm};
+use vkdenoise::kernels::window_attention::WindowAttention;
+use vkdenoise::kernels::{Activation, BufferId, Call, Shuffle, Tiles, View};
+use vkdenoise::net::{Block, Convolution, LinearPart, LinearWeight};
+use vkdenoise::plan::pack::Pack;
+
+const ACTIVATIONS: [Activation; 3] = [Activation::None, Activation::Relu, Activation::LeakyRelu];
+
+/// Cases whose packs find tensors of any size they need.
+fn dense_cases(seed: u64) -> Cases {
+    Cases::new(seed, small_net(64, Block::Jsa))
+}
+
+/// A size in tokens, both sides multiples of `unit`.
+fn size(cases: &mut Cases, unit: u32) -> (u32, u32) {
+    (unit * cases.random.integer(1, 5), unit * cases.random.integer(1, 4))
+}
+
+/// `[gamma | beta]`, in one case of three.
+fn film(cases: &mut Cases, channels: u32) -> Option<BufferId> {
+    let vector = cases.random.values(2 * channels as usize, -2.0, 2.0);
+    (cases.random.integer(0, 2) == 0).then(|| cases.filled("film", vector))
+}
+
+fn add_conv(cases: &mut Cases, (inputs, outputs): (u32, u32), stride: u32, shuffle: Shuffle) {
+    let unit = if shuffle == Shuffle::Unshuffle { 16 } else { 8 };
+    let (width, height) = size(cases, unit);
+    let channels = outputs.next_multiple_of(4);
+    let bias = cases.random.coin();
+    let pack = Pack::Conv3x3 {
+        weight: "bottleneck.0.ffn.expand".into(),
+        bias,
+        inputs,
+        outputs,
+        shuffle: shuffle == Shuffle::Shuffle,
+    };
+    let src = cases.map((width * stride, height * stride), inputs, 3.0);
+    let dst = match shuffle {
+        Shuffle::None => cases.target((width, height), outputs),
+        Shuffle::Unshuffle => cases.target((width / 2, height / 2), 4 * outputs),
+        Shuffle::Shuffle => cases.target((2 * width, 2 * height), outputs / 4),
+    };
+    // The engine has neither FiLM nor residual before a shuffle.
+    let plain = shuffle == Shuffle::None;
+    let film = if plain { film(cases, channels) } else { None };
+    let residual = (plain && cases.random.coin()).then(|| cases.map((width, height), outputs, 1.0));
+    let call = Conv3x3 {
+        src,
+        dst,
+        channels,
+        weights: cases.pack(pack),
+        film,
+        residual,
+        stride,
+        activation: cases.random.pick(&ACTIVATIONS),
+        shuffle,
+        tiles: cases.tiles((width, height)),
+    };
+    cases.add(Call::Conv3x3(call), dst.buffer);
+}
+
+#[test]
+fn conv3x3() {
+    let mut cases = dense_cases(1);
+    for _ in 0..4 {
+        for outputs in [1, 3, 4, 8, 20, 32, 36, 64, 100] {
+            let inputs = cases.random.pick(&[3, 4, 7, 12, 32, 40]);
+            add_conv(&mut cases, (inputs, outputs), 1, Shuffle::None);
+        }
+    }
+    cases.check("conv3x3", KERNEL_LIMIT);
+}
+
+#[test]
+fn conv3x3_of_stride_2() {
+    let mut cases = dense_cases(2);
+    for _ in 0..3 {
+        for outputs in [12, 32, 44, 64] {
+            let inputs = cases.random.pick(&[3, 4, 12, 32, 36]);
+            add_conv(&mut cases, (inputs, outputs), 2, Shuffle::None);
+        }
+    }
+    cases.check("conv3x3 of stride 2", KERNEL_LIMIT);
+}
+
+#[test]
+fn conv3x3_with_shuffles() {
+    let mut cases = dense_cases(3);
+    for _ in 0..3 {
+        for outputs in [4, 8, 16, 20, 32, 48] {
+            let inputs = cases.random.pick(&[4, 8, 12, 32, 36]);
+            add_conv(&mut cases, (inputs, outputs), 1, Shuffle::Unshuffle);
+        }
+        for outputs in [16, 32, 48, 64, 112, 128] {
+            let inputs = cases.random.pick(&[4, 8, 12, 32, 36]);
+            add_conv(&mut cases, (inputs, outputs), 1, Shuffle::Shuffle);
+        }
+    }
+    cases.check("conv3x3 with shuffles", KERNEL_LIMIT);
+}
+
+#[test]
+fn linear() {
+    let mut cases = dense_cases(4);
+    for _ in 0..40 {
+        let size = size(&mut cases, 8);
+        let first = cases.random.pick(&[4, 7, 8, 12, 32, 36, 64]);
+        // A second input follows the first's own channels, which then are a multiple of four.
+        let second = cases.random.pick(&[0, 0, 4, 12, 32, 64]) * u32::from(first % 4 == 0);
+        let mut parts = vec![];
+        let names = [vec!["q"], vec!["q", "k"], vec!["q", "k", "v"], vec!["v"]];
+        let chosen = cases.random.integer(0, 3) as usize;
+        for name in &names[chosen] {
+            let outputs = cases.random.pick(&[4, 8, 16, 20, 32, 68]);
+            parts.push(LinearPart { prefix: format!("bottleneck.0.{name}"), outputs });
+        }
+        let outputs = parts.iter().map(|part| part.outputs).sum();
+        let column = cases.random.pick(&[0, 0, 3, 40]);
+        let columns = column..column + first + second;
+        let inputs = columns.end + cases.random.pick(&[0, 0, 5]);
+        let weight = LinearWeight { parts, inputs, columns, bias: cases.random.coin() };
+        let (src, dst) = (cases.map(size, first, 3.0), cases.target(size, outputs));
+        let call = Linear {
+            src,
+            src_b: (second > 0).then(|| cases.map(size, second, 3.0)),
+            dst,
+            weights: cases.pack(Pack::Linear(weight)),
+            film: film(&mut cases, outputs),
+            residual: cases.random.coin().then(|| cases.map(size, outputs, 1.0)),
+            activation: cases.random.pick(&ACTIVATIONS),
+            tiles: cases.tiles(size),
+        };
+        cases.add(Call::Linear(call), dst.buffer);
+    }
+    cases.check("linear", KERNEL_LIMIT);
+}
+
+/// Cases for the kernels whose packs take whole tensors: of C, 2C and 4C channels.
+fn map_cases(channels: u32) -> Cases {
+    Cases::new(5, small_net(channels, Block::FilmCnn { conv: Convolution::Separable }))
+}
+
+#[test]
+fn depthwise3x3() {
+    for base in [4, 12, 36] {
+        let mut cases = map_cases(base);
+        let tensors = [("enc.0.0.ffn", 4), ("enc.1.0.conv", 2), ("enc.1.0.ffn", 8), ("bottleneck.0.conv", 4)];
+        for (owner, times) in tensors.repeat(3) {
+            let (size, channels) = (size(&mut cases, 8), times * base);
+            let (src, dst) = (cases.map(size, channels, 3.0), cases.target(size, channels));
+            let weights = cases.pack(Pack::Depthwise { weight: format!("{owner}.depthwise"), channels });
+            let activation = cases.random.pick(&ACTIVATIONS);
+            let tiles = cases.tiles(size);
+            cases.add(Call::Depthwise3x3(Depthwise3x3 { src, dst, weights, activation, tiles }), dst.buffer);
+        }
+        cases.check(&format!("depthwise3x3 of multiples of {base}"), KERNEL_LIMIT);
+    }
+}
+
+#[test]
+fn layer_norm() {
+    for base in [4, 12, 36, 128] {
+        let mut cases = map_cases(base);
+        for (block, times) in [("enc.0.0", 1), ("enc.1.0", 2), ("bottleneck.0", 4)].repeat(3) {
+            let (size, channels) = (size(&mut cases, 8), times * base);
+            let scale = cases.random.pick(&[0.01, 1.0, 1000.0]);
+            let (src, dst) = (cases.map(size, channels, scale), cases.target(size, channels));
+            let weights = cases.pack(Pack::Norm { norm: format!("{block}.norm1"), channels });
+            let tiles = cases.tiles(size);
+            cases.add(Call::LayerNorm(LayerNorm { src, dst, weights, tiles }), dst.buffer);
+        }
+        // A large common value: squares without the mean would lose everything.
+        let weights = cases.pack(Pack::Norm { norm: "enc.0.0.norm2".into(), channels: base });
+        let dst = cases.target((16, 8), base);
+        let far = cases.random.values(16 * 8 * base as usize, 100.0, 110.0);
+        let src = View { buffer: cases.filled("far", far), first: 0, stride: base, ..dst };
+        cases.add(Call::LayerNorm(LayerNorm { src, dst, weights, tiles: Tiles::All }), dst.buffer);
+        cases.check(&format!("layer_norm of multiples of {base}"), KERNEL_LIMIT);
+    }
+}
+
+/// Adds window attention whose inputs are in -`scale`..`scale`.
+fn add_attention(cases: &mut Cases, (heads, keys, values): (u32, u32, u32), scale: f32) {
+    let size = size(cases, 8);
+    let pack = Pack::BiasTable { table: "bottleneck.0.bias_table".into(), heads };
+    let x = cases.map(size, heads * (2 * keys + values), scale);
+    let f = cases.map(size, heads * 2 * keys, scale);
+    let dst = cases.target(size, heads * values);
+    let call = WindowAttention {
+        x,
+        f,
+        bias: cases.pack(pack),
+        dst,
+        heads,
+        key_width: keys,
+        value_width: values,
+        tiles: cases.tiles(size),
+    };
+    cases.add(Call::WindowAttention(call), dst.buffer);
+}
+
+#[test]
+fn window_attention() {
+    let mut cases = dense_cases(7);
+    let forms = [(1, 4, 8), (1, 8, 16), (1, 32, 64), (2, 16, 16), (4, 32, 32), (8, 8, 12), (1, 64, 64), (3, 12, 4)];
+    for form in forms.repeat(2) {
+        add_attention(&mut cases, form, 1.8);
+    }
+    // The widest of the family: one head on all of 512 channels.
+    add_attention(&mut cases, (1, 256, 512), 1.8);
+    cases.check("window_attention", KERNEL_LIMIT);
+}
+
+/// Products of scores in the millions, far beyond what halves or an unshifted exponential hold: each query attends to
+/// its best key alone.
+#[test]
+fn attention_of_huge_scores_picks_the_best_key() {
+    let mut cases = dense_cases(8);
+    for form in [(1, 8, 16), (2, 32, 32)] {
+        add_attention(&mut cases, form, 60.0);
+    }
+    // Where two keys are nearly even, the rounding of their scores decides; few are.
+    cases.check("window_attention of huge scores", 1e-2);
+}
+
+#[test]
+fn film_means_and_vectors() {
+    for base in [4, 12, 36, 128] {
+        let mut cases = map_cases(base);
+        for (real_width, real_height) in [(1, 1), (7, 1), (64, 33), (70, 45), (9, 31), (256, 300)] {
+            let padded = (u32::next_multiple_of(real_width, 8), u32::next_multiple_of(real_height, 8) + 8);
+            let src = cases.map(padded, base, 3.0);
+            let mut sum = TokenSum { src, real_width, real_height, dst: src.buffer };
+            sum.dst = cases.empty("partials", sum.sums() as usize * base as usize);
+            let dst = sum.dst;
+            cases.add(Call::TokenSum(sum), dst);
+        }
+        let blocks = [("enc.0.0", 1), ("enc.1.0", 2), ("bottleneck.0", 4)];
+        for (sums, (block, times)) in [1, 3, 33, 70, 1000, 4096].into_iter().zip(blocks.repeat(2)) {
+            let (channels, outputs) = (times * base, 2 * times * base);
+            let weight = format!("{block}.film");
+            let partials = cases.random.values(sums as usize * channels as usize, -50.0, 60.0);
+            let partials = cases.filled("partials", partials);
+            let weights = cases.pack(Pack::FilmVector { weight, inputs: channels, outputs });
+            let dst = cases.empty("film", outputs as usize);
+            let call = FilmVector { partials, sums, tokens: 64 * sums, channels, weights, dst, outputs };
+            cases.add(Call::FilmVector(call), dst);
+        }
+        cases.check(&format!("film of multiples of {base}"), KERNEL_LIMIT);
+    }
+}

@@ -1,0 +1,2 @@
+WITH_FEATURES = {}
+COLOR_ONLY = {}
