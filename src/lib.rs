@@ -1,4 +1,51 @@
-//! A Vulkan compute denoiser for Monte Carlo renders.
+//! A Vulkan compute denoiser for Monte Carlo renders: a noisy frame (linear radiance and, where the renderer has them,
+//! albedo, normal and depth) in, the clean one out, in the renderer's own command buffer or from host memory.
+//!
+//! ```text
+//! EXR file / host planes / renderer's buffers or images
+//!    -> frame, renderer   views with strides, checked once
+//!    -> net               architecture, weights, graph of typed operations
+//!    -> plan              graph x size -> dispatches, buffers in an arena, barriers. Pure data
+//!    -> record            plan -> one command buffer
+//!    -> frame out
+//! ```
+//!
+//! On the host:
+//! ```no_run
+//! use vkdenoise::{Denoiser, Device, DeviceSelector, Extent, Features, Frame, Layout, Options, Plane, PlaneMut, Weights};
+//!
+//! # fn main() -> vkdenoise::Result<()> {
+//! # let (color, albedo) = (vec![0.0f32; 1920 * 1080 * 3], vec![0.0f32; 1920 * 1080 * 3]);
+//! let device = Device::open(&DeviceSelector::Best)?;
+//! let mut denoiser = Denoiser::new(&device, &Weights::hybrid()?, &Options::default())?;
+//! let extent = Extent::new(1920, 1080);
+//! let rgb = Layout::interleaved(extent, 3);
+//! let features = Features { albedo: Some(Plane::f32(&albedo, rgb)), ..Features::default() };
+//! let frame = Frame { extent, color: Plane::f32(&color, rgb), features };
+//! let mut output = vec![0.0; color.len()];
+//! let report = denoiser.denoise(&frame, PlaneMut::f32(&mut output, rgb))?;
+//! println!("{:?} ms on the device", report.gpu_ms);
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! In a renderer, on its device and in its command buffer, without a submit or a wait of the library's own:
+//! ```no_run
+//! # use vkdenoise::*;
+//! # unsafe fn sketch(renderer: RendererDevice, frame: BufferFrame, commands: ash::vk::CommandBuffer) -> Result<()> {
+//! // Once. `Device::requirements()` says what to enable when the device is created.
+//! let device = unsafe { Device::from_renderer(renderer)? };
+//! let denoiser = Denoiser::new(&device, &Weights::hybrid()?, &Options::default())?;
+//! let pass = denoiser.pass(Extent::new(1920, 1080))?;
+//! let binding = unsafe { pass.bind_buffers(&frame)? };
+//! // Every frame.
+//! unsafe { pass.record(commands, &binding, &FrameOptions::default())? };
+//! # Ok(())
+//! # }
+//! ```
+//!
+//! The same input on the same device gives the same bits. Non-finite, negative and absurdly bright pixels are mended and
+//! stay local. All types are `Send` and `Sync`; what records or runs takes `&self` or `&mut self` as its doc says.
 
 pub mod denoiser;
 mod engine;

@@ -6,8 +6,9 @@ use common::compare::assert_same_bits;
 use common::device::{assert_no_validation_messages, device};
 use common::random::Random;
 use half::f16;
+use vkdenoise::testing::Bench;
 use vkdenoise::{
-    Binding, Denoiser, Device, DeviceSelector, Error, Exposure, Extent, Features, Frame, FrameOptions, Layout, Options,
+    Binding, Denoiser, Device, DeviceOptions, DeviceSelector, Error, Exposure, Extent, Features, Frame, FrameOptions, Layout, Options,
     Pass, Plane, PlaneMut, Weights,
 };
 
@@ -243,6 +244,13 @@ fn what_is_refused() {
     let unknown = Device::open(&DeviceSelector::Name("no such device".into()));
     assert!(matches!(unknown, Err(Error::UnknownDevice { wanted, available }) if wanted.contains("no such") && !available.is_empty()));
     assert!(matches!(Device::open(&DeviceSelector::Index(99)), Err(Error::UnknownDevice { .. })));
+
+    let loader = Some("no/such/libvulkan.so".into());
+    let options = DeviceOptions { loader, ..DeviceOptions::default() };
+    assert!(matches!(Device::open_with(&options), Err(Error::NoLoader(message)) if message.contains("no/such")));
+    let mut bench = Bench::new(device(), Bench::default_variants(device())).unwrap();
+    let refused = bench.buffer("too much", 1 << 46);
+    assert!(matches!(refused, Err(Error::OutOfMemory { what, bytes, .. }) if what == "too much" && bytes >= 1 << 46));
 
     let missing = Weights::from_file("no/such/file.safetensors");
     assert!(missing.is_err_and(|e| Error::from(e).to_string().contains("no/such/file")));

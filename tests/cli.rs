@@ -294,3 +294,18 @@ fn failures_name_what_is_wrong_before_a_device_is_opened() {
     assert_eq!(d.names(""), before, "nothing was written");
     assert_eq!(std::fs::read(&good).unwrap(), bytes);
 }
+
+#[test]
+fn no_driver_is_said_with_what_to_do() {
+    let directory = Directory::new();
+    let input = directory.exr("in.exr", FEATURES, 0.0);
+    let output = directory.path("out.exr");
+    let mut tool = tool();
+    for variable in ["VK_DRIVER_FILES", "VK_ICD_FILENAMES"] {
+        tool.env(variable, "no-driver.json");
+    }
+    let ran = ran(tool.arg(&input).arg("-o").arg(&output).output().unwrap());
+    assert_eq!(ran.code, Some(1), "{}", ran.err);
+    assert!(ran.err.contains("no usable Vulkan device") && ran.err.contains("install"), "{}", ran.err);
+    assert!(!output.exists());
+}

@@ -273,6 +273,18 @@ fn what_does_not_fit_is_refused_before_recording() {
     let bound = unsafe { pass.bind_images(&bad_layout) };
     assert!(matches!(bound, Err(Error::Binding(message)) if message.contains("UNDEFINED")));
 
+    // A family that is not there.
+    let handles = RendererDevice {
+        instance: renderer.instance.clone(),
+        physical_device: renderer.physical_device,
+        device: renderer.device.clone(),
+        queue_family: 99,
+        storage_buffer_16bit: false,
+    };
+    // SAFETY: the other handles are the renderer's.
+    let refused = unsafe { Device::from_renderer(handles) };
+    assert!(matches!(refused, Err(Error::Unsupported { missing, .. }) if missing.contains("99")));
+
     // The host path needs a queue, which a renderer keeps.
     let mut denoiser = denoiser;
     let mut color = vec![0.5; 3 * EXTENT.pixels() as usize];

@@ -14,7 +14,7 @@ const LARGEST_HALF: f64 = 65504.0;
 const FAR: f32 = 1e9;
 const FAR_HALF: f32 = 65000.0;
 /// A pixel of more than this many keys is bad.
-const FIREFLY_KEYS: f64 = 1e8;
+pub const FIREFLY_KEYS: f64 = 1e8;
 
 /// A frame and its settings, planes interleaved.
 #[derive(Debug)]
@@ -62,7 +62,7 @@ impl FrameData {
     }
 
     /// The colour of a pixel, if all of it is finite and not negative.
-    fn color(&self, pixel: usize) -> Option<[f32; 3]> {
+    pub fn color(&self, pixel: usize) -> Option<[f32; 3]> {
         let color = [0, 1, 2].map(|channel| self.color[3 * pixel + channel]);
         color.iter().all(|c| c.is_finite() && *c >= 0.0).then_some(color)
     }

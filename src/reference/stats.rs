@@ -3,7 +3,7 @@
 //! Pixels are sorted into bins by their bits, so luminances are 32-bit floats here as they are on the device.
 
 use super::Reference;
-use super::frame_io::FrameData;
+use super::frame_io::{FIREFLY_KEYS, FrameData};
 use super::tiles;
 use crate::kernels::stats::{BINS, Clear, Histogram, Key, Select, TileMeans};
 
@@ -62,7 +62,10 @@ pub fn tile_means(reference: &mut Reference, call: &TileMeans) {
 }
 
 fn tile_log(pixels: impl Iterator<Item = usize>, frame: &FrameData, median: f64) -> f64 {
-    let luminances: Vec<f64> = pixels.filter_map(|i| frame.luminance(i)).map(f64::from).collect();
+    // Bad pixels stay out, by the median: the key is not known yet.
+    let limit = FIREFLY_KEYS * median;
+    let counts = |i: &usize| frame.color(*i).is_some_and(|color| color.iter().all(|&c| f64::from(c) <= limit));
+    let luminances: Vec<f64> = pixels.filter(counts).filter_map(|i| frame.luminance(i)).map(f64::from).collect();
     if median == 0.0 || luminances.iter().all(|&luminance| luminance == 0.0) {
         return DARK;
     }

@@ -2,12 +2,13 @@
 
 use super::Checked;
 use super::caps::{self, Caps, DeviceInfo, Requirements};
-use super::instance::{Messages, OwnedInstance};
+use super::instance::{Messages, NO_DRIVER, OwnedInstance};
 use crate::error::{Error, Result};
 use ash::vk;
 use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
 use std::convert::Infallible;
 use std::mem::ManuallyDrop;
+use std::path::PathBuf;
 use std::str::FromStr;
 use std::sync::atomic::AtomicU64;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -53,6 +54,8 @@ pub struct DeviceOptions {
     /// Turns the Khronos validation layer on, with synchronisation validation. What it says is in
     /// [`Device::validation_messages`].
     pub validation: bool,
+    /// The Vulkan loader's library, where it is not the system's own.
+    pub loader: Option<PathBuf>,
 }
 
 /// A renderer's device, as it hands it over.
@@ -99,7 +102,7 @@ impl Device {
     /// # Errors
     /// [`Error::NoLoader`], [`Error::Vulkan`].
     pub fn list() -> Result<Vec<DeviceInfo>> {
-        let instance = OwnedInstance::new(false)?;
+        let instance = OwnedInstance::new(None, false)?;
         Ok(enumerate(&instance)?.into_iter().map(|(_, info, _)| info).collect())
     }
 
@@ -113,7 +116,7 @@ impl Device {
     /// # Errors
     /// [`Error::NoLoader`], [`Error::NoDevice`], [`Error::UnknownDevice`], [`Error::Unsupported`], [`Error::Vulkan`].
     pub fn open(selector: &DeviceSelector) -> Result<Self> {
-        Self::open_with(&DeviceOptions { selector: selector.clone(), validation: false })
+        Self::open_with(&DeviceOptions { selector: selector.clone(), ..DeviceOptions::default() })
     }
 
     /// Opens a device of our own with all options.
@@ -121,7 +124,7 @@ impl Device {
     /// # Errors
     /// As [`Device::open`]; [`Error::InvalidOption`] where the validation layer is wanted and not installed.
     pub fn open_with(options: &DeviceOptions) -> Result<Self> {
-        let instance = OwnedInstance::new(options.validation)?;
+        let instance = OwnedInstance::new(options.loader.as_deref(), options.validation)?;
         let mut found = enumerate(&instance)?;
         let at = select(&found, &options.selector)?;
         let (physical, info, caps) = found.swap_remove(at);
@@ -331,8 +334,7 @@ fn select(found: &[Found], selector: &DeviceSelector) -> Result<usize> {
                     .iter()
                     .map(|(_, info, _)| format!("{} lacks {}", info.name, info.missing.join(", ")))
                     .collect();
-                let none = "there is none; install a driver (Debian: mesa-vulkan-drivers)".into();
-                Error::NoDevice(if lacks.is_empty() { none } else { lacks.join("; ") })
+                Error::NoDevice(if lacks.is_empty() { NO_DRIVER.into() } else { lacks.join("; ") })
             }),
     }
 }

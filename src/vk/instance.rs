@@ -4,7 +4,11 @@ use super::Checked;
 use crate::error::{Error, Result};
 use ash::{ext, vk};
 use std::ffi::{CStr, c_void};
+use std::path::Path;
 use std::sync::{Arc, Mutex, PoisonError};
+
+/// What to do where the loader finds no driver.
+pub(crate) const NO_DRIVER: &str = "there is no Vulkan driver; install one (Debian: mesa-vulkan-drivers)";
 
 const VALIDATION: &CStr = c"VK_LAYER_KHRONOS_validation";
 
@@ -22,11 +26,12 @@ pub(crate) struct OwnedInstance {
 }
 
 impl OwnedInstance {
-    /// Opens the loader and makes a Vulkan 1.2 instance, with the validation layer (and its synchronisation
+    /// Opens the loader (the system's, or the library at `loader`) and makes a Vulkan 1.2 instance, with the validation layer (and its synchronisation
     /// validation) when asked for.
-    pub fn new(validation: bool) -> Result<Self> {
-        // SAFETY: loading the system's Vulkan loader; it runs no code of ours.
-        let entry = unsafe { ash::Entry::load() }.map_err(|e| Error::NoLoader(e.to_string()))?;
+    pub fn new(loader: Option<&Path>, validation: bool) -> Result<Self> {
+        // SAFETY: loading a Vulkan loader; it runs no code of ours.
+        let entry = unsafe { loader.map_or_else(|| ash::Entry::load(), |path| ash::Entry::load_from(path)) }
+            .map_err(|e| Error::NoLoader(e.to_string()))?;
         let app = vk::ApplicationInfo::default()
             .application_name(c"vkdenoise")
             .engine_name(c"vkdenoise")
@@ -59,7 +64,11 @@ impl OwnedInstance {
             info = info.push_next(&mut features);
         }
         // SAFETY: every pointer in `info` outlives the call.
-        let raw = unsafe { entry.create_instance(&info, None) }.called("vkCreateInstance")?;
+        let created = unsafe { entry.create_instance(&info, None) };
+        if matches!(created, Err(vk::Result::ERROR_INCOMPATIBLE_DRIVER)) {
+            return Err(Error::NoDevice(NO_DRIVER.into()));
+        }
+        let raw = created.called("vkCreateInstance")?;
         let mut instance = Self { messenger: None, messages: Box::default(), raw, _entry: entry };
         if validation {
             let loader = ext::debug_utils::Instance::new(&instance._entry, &instance.raw);

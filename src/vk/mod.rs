@@ -23,3 +23,16 @@ impl<T> Checked<T> for Result<T, vk::Result> {
         })
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_lost_device_is_told_from_other_failures() {
+        let failed = |result: vk::Result| Err::<(), _>(result).called("vkQueueSubmit");
+        assert!(matches!(failed(vk::Result::ERROR_DEVICE_LOST), Err(Error::DeviceLost)));
+        let other = failed(vk::Result::ERROR_INITIALIZATION_FAILED);
+        assert!(matches!(other, Err(Error::Vulkan { call: "vkQueueSubmit", .. })));
+    }
+}

@@ -6,5 +6,7 @@ pub mod case;
 pub mod compare;
 pub mod device;
 pub mod golden;
+pub mod network;
+pub mod planes;
 pub mod random;
 pub mod vulkan;

@@ -11,6 +11,8 @@ CREDITS = {
     "living-room": '"The Grey & White Room" by Wig42 (CC BY 3.0)',
     "teapot": '"Utah Teapot" by Benedikt Bitterli (CC0)',
 }
+# Of each image the middle rows are shown: noise hardly compresses, and the picture is meant for a README.
+ROWS = 144
 GAP = 6
 LABEL_HEIGHT = 26
 CREDIT_HEIGHT = 22
@@ -26,11 +28,16 @@ def credit_line(scenes):
     return "Scenes: " + "; ".join(CREDITS.get(s, s) for s in scenes) + ". Rendered with Mitsuba 3."
 
 
+def middle_rows(color):
+    top = max(color.shape[0] - ROWS, 0) // 2
+    return color[top : top + ROWS]
+
+
 def compare(images_of, spp):
-    """{scene: {column: radiance [H, W, 3]}}, all of one size -> a PIL image. Columns that were not measured are left out."""
+    """{scene: {column: radiance [H, W, 3]}}, all of one size -> a PIL image. What was not measured has no column."""
     first = next(iter(images_of.values()))
     columns = [c for c in COLUMNS if c in first]
-    height, width = first["reference"].shape[:2]
+    height, width = middle_rows(first["reference"]).shape[:2]
     size = (len(columns) * (width + GAP) - GAP, LABEL_HEIGHT + len(images_of) * (height + GAP) + CREDIT_HEIGHT)
     canvas = Image.new("RGB", size, PAPER)
     draw, font = ImageDraw.Draw(canvas), ImageFont.load_default(FONT_SIZE)
@@ -38,7 +45,7 @@ def compare(images_of, spp):
         left = i * (width + GAP)
         draw.text((left + width // 2, LABEL_HEIGHT // 2), label(column, spp), INK, font, anchor="mm")
         for row, outputs in enumerate(images_of.values()):
-            pixels = metrics.display(outputs[column]).astype(np.uint8)
+            pixels = metrics.display(middle_rows(outputs[column])).astype(np.uint8)
             canvas.paste(Image.fromarray(pixels), (left, LABEL_HEIGHT + row * (height + GAP)))
     draw.text((0, size[1] - CREDIT_HEIGHT // 2), credit_line(images_of), INK, ImageFont.load_default(12), anchor="lm")
     return canvas

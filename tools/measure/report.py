@@ -11,8 +11,8 @@ FORMATS = {"psnr": "{:.2f}", "ssim": "{:.3f}", "relmse": "{:.4f}"}
 INTRODUCTION = """# Image quality
 
 Written by `tools/measure/quality.py`; `tools/measure/README.md` says how to run it and what each column is. PSNR and SSIM
-are of the 8-bit display images (gamma 2.2), relMSE = mean((a-b)^2 / (b^2 + 0.01)) of linear radiance. In rows without
-features every method gets the colour alone.
+are of the 8-bit display images (gamma 2.2), relMSE = mean((a-b)^2 / (b^2 + 0.01)) of linear radiance; its gain is the
+factor it fell by. In rows without features every method gets the colour alone.
 """
 
 
@@ -77,7 +77,7 @@ def means_table(rows):
             if method == rows[0].method:
                 better = [""] * 3
             else:
-                better = [f"{gain['psnr']:+.2f} dB", f"{gain['ssim']:+.3f}", f"{gain['relmse']:.1f} times less"]
+                better = [f"{gain['psnr']:+.2f} dB", f"{gain['ssim']:+.3f}", f"/ {gain['relmse']:.2f}"]
             lines.append([setting, method, *(cell for pair in zip(shown, better) for cell in pair)])
     return table(["input", "method", *(cell for n in METRIC_NAMES for cell in (TITLES[n], "gain"))], lines)
 
@@ -105,10 +105,11 @@ def markdown(rows):
 
 def as_json(rows):
     """{"views": every row, "means": one entry per setting and method with its gains}"""
-    flat = lambda setting: asdict(setting)
-    every = [{"view": r.view, **flat(r.setting), "method": r.method} | {n: getattr(r, n) for n in METRIC_NAMES} for r in rows]
+    every = [
+        {"view": r.view, **asdict(r.setting), "method": r.method, **{n: getattr(r, n) for n in METRIC_NAMES}} for r in rows
+    ]
     mean = [
-        {**flat(s), "method": m, **means(rows, s, m), "gain": gains(rows, s, m)}
+        {**asdict(s), "method": m, **means(rows, s, m), "gain": gains(rows, s, m)}
         for s in settings_of(rows)
         for m in unique(r.method for r in rows)
     ]

@@ -2,8 +2,9 @@
 
     python tools/measure/tune_bilateral.py --data PAIRS/train [--views 2]
 
-Coordinate search for the best mean PSNR, one set per sample count and one for frames without features: the filter
-gets knowledge of the sample count that the network does not have. Never run it on the test scenes.
+Coordinate search for the best mean PSNR. There is a set for every sample count, which the network is not told, and one for
+colour alone. Never run it on test scenes. About 2 s an evaluation, 200 evaluations; OMP_NUM_THREADS=1 is faster beside
+other work.
 """
 import argparse
 from dataclasses import asdict, replace
@@ -60,10 +61,14 @@ def search(pairs, start, names, label):
     progress = tqdm([(factor, name) for factor in FACTORS for name in names], desc=label)
     for factor, name in progress:
         for step in (factor, 1 / factor):
-            gained = False
-            while (tried := score(trial := replace(best, **{name: getattr(best, name) * step}))) > best_score + LEAST_GAIN:
-                best, best_score, gained = trial, tried, True
-            if gained:
+            before = best
+            while True:
+                trial = replace(best, **{name: getattr(best, name) * step})
+                tried = score(trial)
+                if tried < best_score + LEAST_GAIN:
+                    break
+                best, best_score = trial, tried
+            if best != before:
                 break
         progress.set_postfix(psnr=f"{best_score:.2f}")
     return best, best_score

@@ -12,7 +12,7 @@ def main():
     model, state = checkpoint.load_model(args.checkpoint)
     weights.write(args.output, model, state["record"])
     back, _ = weights.read(args.output)
-    pairs = zip(model.parameters(), back.parameters())
+    pairs = zip(model.state_dict().values(), back.state_dict().values())
     worst = max(float((a - b).abs().max() / a.abs().max().clamp_min(1e-12)) for a, b in pairs)
     print(f"{args.output}: {sum(p.numel() for p in back.parameters())} parameters, largest relative rounding {worst:.1e}")
 

@@ -11,6 +11,7 @@ LUMINANCE = np.array([0.2126, 0.7152, 0.0722], np.float32)
 MIDDLE_GREY = 0.18
 TILE = 8
 LARGEST_HALF = 65504.0
+BAD_PIXEL = 1e8
 
 
 @dataclass
@@ -44,7 +45,10 @@ def key_of(color):
     def per_tile(plane):
         return np.add.reduceat(np.add.reduceat(plane, rows, 0), columns, 1)
 
-    total, count = per_tile(np.minimum(luminance, 64 * median)), per_tile(valid.astype(np.float64))
+    # Bad pixels stay out; the key is not known yet, the median stands in.
+    counted = valid & (np.where(valid[..., None], color, 0).max(-1) <= BAD_PIXEL * median)
+    clipped = np.where(counted, np.minimum(luminance, 64 * median), 0)
+    total, count = per_tile(clipped), per_tile(counted.astype(np.float64))
     means = total[total > 0] / count[total > 0]
     return float(2 ** np.log2(np.maximum(means, median / 1024)).mean())
 
@@ -65,9 +69,9 @@ def statistics(color, depth):
 
 
 def repair(color, key):
-    """Bad pixels (not valid, or above 1e8 keys) take the mean of their good 3x3 neighbours, else 0."""
+    """Bad pixels (not valid, or above BAD_PIXEL keys) take the mean of their good 3x3 neighbours, else 0."""
     with np.errstate(invalid="ignore"):
-        good = is_valid(color) & (color.max(-1) <= 1e8 * key)
+        good = is_valid(color) & (color.max(-1) <= BAD_PIXEL * key)
     if good.all():
         return color
     height, width = good.shape

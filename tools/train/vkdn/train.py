@@ -190,7 +190,8 @@ class Trainer:
             group["lr"] = rate
         loss, gradients = self.gradients(batch)
         for p, gradient in zip(self.parameters, gradients):
-            p.grad = gradient
+            # The fused optimizer reads raw memory; a convolution's gradient may come with channels_last strides.
+            p.grad = gradient.contiguous()
         torch.nn.utils.clip_grad_norm_(self.model.parameters(), self.args.clip)
         self.optimizer.step()
         self.step += 1
