@@ -31,7 +31,12 @@ impl Buffer {
             | vk::BufferUsageFlags::TRANSFER_DST;
         let info = vk::BufferCreateInfo::default().size(size).usage(usage);
         // SAFETY: the device is alive, as are the pointers in `info`.
-        let raw = unsafe { vk_device.create_buffer(&info, None) }.called("vkCreateBuffer")?;
+        let raw = match unsafe { vk_device.create_buffer(&info, None) } {
+            Err(e @ (vk::Result::ERROR_OUT_OF_DEVICE_MEMORY | vk::Result::ERROR_OUT_OF_HOST_MEMORY)) => {
+                return Err(Error::OutOfMemory { what: name.into(), bytes: size, reason: e.to_string() });
+            }
+            created => created.called("vkCreateBuffer")?,
+        };
         let mut buffer = Self { device: device.clone(), raw, allocation: None, address: 0, size };
         // SAFETY: the buffer was made from this device.
         let requirements = unsafe { vk_device.get_buffer_memory_requirements(raw) };

@@ -15,7 +15,7 @@ import shlex
 import statistics
 import subprocess
 import time
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 # Read when PyTorch loads. Threads that spin while they wait would count as work.
@@ -38,13 +38,15 @@ def bench_process(args, size):
     command += ["--size", "{}x{}".format(*size), "--weights", str(args.weights)]
     if args.device:
         command += ["--device", args.device]
-    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1) as process:
+    with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0) as process:
 
         def run():
-            process.stdin.write("\n")
+            # A program that has ended, with a message of its own, shows by its silence.
+            with suppress(BrokenPipeError):
+                process.stdin.write(b"\n")
             line = process.stdout.readline()
             if not line:
-                raise SystemExit(f"{command} ended with code {process.wait()}")
+                raise SystemExit(f"{args.bench} ended with code {process.wait()}")
             return json.loads(line)
 
         yield run

@@ -7,6 +7,8 @@ colour alone. Never run it on test scenes. About 2 s an evaluation, 200 evaluati
 other work.
 """
 import argparse
+import json
+import textwrap
 from dataclasses import asdict, replace
 from pathlib import Path
 
@@ -24,12 +26,7 @@ COLOR_ONLY_SPP = 4
 FACTORS = (2.0, 1.4, 1.2)
 LEAST_GAIN = 0.01
 TARGET = Path(__file__).with_name("bilateral_parameters.py")
-NOTE = '''"""The parameters of the bilateral filter. Written by tune_bilateral.py, not by hand.
-
-Best mean PSNR over {views} views of the training scenes {scenes}. Keys are samples per pixel.
-Mean PSNR there, noisy -> filtered: {gains}.
-"""
-'''
+HEADING = "The parameters of the bilateral filter by samples per pixel. Written by tune_bilateral.py, not by hand."
 
 
 def some_views(root, count):
@@ -78,6 +75,15 @@ def rounded(parameters, names):
     return {n: float(f"{v:.3g}") for n, v in asdict(parameters).items() if n in names}
 
 
+def source_text(note, tables):
+    """Python source; tables: {constant: {spp: parameters}}"""
+    text = f'"""{HEADING}\n\n{textwrap.fill(note, 118)}\n"""\n'
+    for name, table in tables.items():
+        rows = "".join(f"    {spp}: {json.dumps(parameters)},\n" for spp, parameters in table.items())
+        text += f"{name} = {{\n{rows}}}\n"
+    return text
+
+
 def main():
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("--data", required=True, help="training pairs")
@@ -99,12 +105,9 @@ def main():
         "COLOR_ONLY": {COLOR_ONLY_SPP: tune(COLOR_ONLY_SPP, COLOR_ONLY_START, COLOR_ONLY_NAMES, False)},
     }
     scenes = ", ".join(sorted({v.parent.name for v in views}))
-    text = NOTE.format(views=len(views), scenes=scenes, gains="; ".join(gains))
-    for name, table in tables.items():
-        rows = "".join(f"    {spp}: {parameters},\n" for spp, parameters in table.items())
-        text += f"{name} = {{\n{rows}}}\n"
-    TARGET.write_text(text)
-    print(text)
+    note = f"Best mean PSNR over {len(views)} views of the training scenes {scenes}. There, noisy -> filtered in dB: "
+    TARGET.write_text(source_text(note + "; ".join(gains) + ".", tables))
+    print(TARGET.read_text())
 
 
 if __name__ == "__main__":
