@@ -1,11 +1,13 @@
-// Depthwise 3x3 convolution, zero padding, bias, activation. An invocation computes 4x2 tokens of four channels.
+// Depthwise 3x3 convolution, zero padding, bias, activation. An invocation computes TX x TY tokens of four
+// channels.
 #version 460
 #extension GL_EXT_control_flow_attributes : require
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"
 #include "shared/epilogue.glsl"
 
-layout(local_size_x = 64) in;
+const uint RUNS = 64 / (TX * TY);             // per tile
+layout(local_size_x = 8 * RUNS) in;
 
 layout(push_constant) uniform Push {
     Source src;
@@ -22,22 +24,19 @@ layout(push_constant) uniform Push {
     uint flags;
 };
 
-const int TX = 4;
-const int TY = 2;
-
 void main() {
     uint slot = group_index();
     uint channel = gl_WorkGroupID.y * 8u + gl_LocalInvocationID.x % 8u;
     if (slot >= tile_count || channel >= channels) return;
     uvec2 tile = tile_position(slot, tiles_x, flags, tiles);
     uint run = gl_LocalInvocationID.x / 8u;
-    ivec2 base = ivec2(tile * 8u) + ivec2(run % 2u, run / 2u) * ivec2(TX, TY);
+    ivec2 base = ivec2(tile * 8u) + ivec2(run % (8u / TX), run / (8u / TX)) * ivec2(TX, TY);
 
     vec4 sums[TX * TY];
-    vec4 bias = weights.v[channel];
+    vec4 bias = LOAD_WEIGHTS(weights, channel);
     [[unroll]] for (int p = 0; p < TX * TY; ++p) sums[p] = bias;
     vec4 taps[9];
-    [[unroll]] for (int t = 0; t < 9; ++t) taps[t] = weights.v[(t + 1) * channels + channel];
+    [[unroll]] for (int t = 0; t < 9; ++t) taps[t] = LOAD_WEIGHTS(weights, (t + 1) * channels + channel);
 
     [[unroll]] for (int y = -1; y <= TY; ++y) {
         int sy = base.y + y;

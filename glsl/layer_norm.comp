@@ -44,6 +44,6 @@ void main() {
     float scale = 1.0 / sqrt(variance + EPSILON);
     for (uint c = 0u; c < channels; ++c) {
         vec4 value = (LOAD(src, from + c) - mean) * scale;
-        STORE(dst, pixel * dst_stride + c, value * weights.v[c] + weights.v[channels + c]);
+        STORE(dst, pixel * dst_stride + c, value * LOAD_WEIGHTS(weights, c) + LOAD_WEIGHTS(weights, channels + c));
     }
 }

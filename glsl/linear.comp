@@ -65,7 +65,7 @@ void main() {
             uint channel = tile_n * NV + n;
             if (channel >= dst_channels) continue;
             vec4 value = accumulators[p * NV + n];
-            if ((flags & FLAG_FILM) != 0u) value = film.v[channel] * value + film.v[dst_channels + channel];
+            if ((flags & FLAG_FILM) != 0u) value = LOAD_WEIGHTS(film, channel) * value + LOAD_WEIGHTS(film, dst_channels + channel);
             if ((flags & FLAG_RESIDUAL) != 0u) value += LOAD(residual, pixels[p] * residual_stride + channel);
             STORE(dst, pixels[p] * dst_stride + channel, activate(value, flags));
         }

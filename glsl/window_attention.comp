@@ -30,6 +30,7 @@ const uint TOKENS = 64u;
 const uint BIAS_TABLE_STRIDE = 228u;
 
 shared float scores[TOKENS * TOKENS];      // [query][key]
+shared float inverse_sums[TOKENS];
 
 uint window_pixel;
 
@@ -86,7 +87,7 @@ void main() {
     }
     barrier();
 
-    // Softmax: an invocation owns a row. Order is fixed, so are the bits.
+    // Softmax: an invocation owns a row. Order is fixed, so are the bits. The values are divided by the sum at the end.
     if (lane < TOKENS) {
         uint row = lane * TOKENS;
         float top = scores[row];
@@ -97,8 +98,7 @@ void main() {
             scores[row + i] = e;
             sum += e;
         }
-        float inverse = 1.0 / sum;
-        for (uint i = 0u; i < TOKENS; ++i) scores[row + i] *= inverse;
+        inverse_sums[lane] = 1.0 / sum;
     }
     barrier();
 
@@ -114,7 +114,7 @@ void main() {
             [[unroll]] for (uint i = 0u; i < 4u; ++i) sums[i] += scores[(first + i) * TOKENS + t] * value;
         }
         [[unroll]] for (uint i = 0u; i < 4u; ++i) {
-            STORE(dst, token_pixel(first + i) * dst_stride + head * value_vectors + c, sums[i]);
+            STORE(dst, token_pixel(first + i) * dst_stride + head * value_vectors + c, sums[i] * inverse_sums[first + i]);
         }
     }
 }

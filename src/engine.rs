@@ -15,8 +15,8 @@ use gpu_allocator::MemoryLocation;
 /// Largest block of an arena, whatever the device allows: beyond it some drivers' allocations grow unreliable.
 const MAX_BLOCK_BYTES: u64 = 4 << 30;
 
-/// Smallest subgroup in which the broadcasting kernels work.
-const BROADCAST_SUBGROUP: u32 = 8;
+/// Smallest subgroup in which they work: eight lanes share weights.
+const SHARING_LANES: u32 = 8;
 
 pub(crate) struct Engine {
     pub device: Device,
@@ -24,8 +24,8 @@ pub(crate) struct Engine {
     pub pipelines: Pipelines,
     pub weights: Buffer,
     pub exposure_rule: ExposureRule,
-    /// Whether dense kernels hand weights round in the subgroup.
-    pub broadcast: bool,
+    /// Whether kernels shaped for CPU drivers run.
+    pub cpu: bool,
 }
 
 impl Engine {
@@ -39,7 +39,7 @@ impl Engine {
             device: device.clone(),
             graph,
             exposure_rule: weights.preprocessing().exposure,
-            broadcast: prefers_broadcast(device),
+            cpu: prefers_cpu_kernels(device),
         })
     }
 
@@ -51,18 +51,19 @@ impl Engine {
 
     /// The kernels that this device prefers, for a frame in buffers.
     pub fn variants(&self) -> Variants {
-        Variants { broadcast: self.broadcast, images: false, output_half: false }
+        Variants { cpu: self.cpu, images: false, output_half: false }
     }
 }
 
-/// On CPU drivers a load costs more than the arithmetic it feeds (measured on lavapipe), so lanes share weights.
-pub(crate) fn prefers_broadcast(device: &Device) -> bool {
-    device.caps().kind == DeviceKind::Cpu && can_broadcast(device)
+/// On CPU drivers a load costs more than the arithmetic it feeds (measured on lavapipe).
+pub(crate) fn prefers_cpu_kernels(device: &Device) -> bool {
+    device.caps().kind == DeviceKind::Cpu && can_run_cpu_kernels(device)
 }
 
-/// Whether the broadcasting kernels run on the device at all.
-pub(crate) fn can_broadcast(device: &Device) -> bool {
-    device.caps().subgroup_ballot && device.caps().subgroup_size >= BROADCAST_SUBGROUP
+/// Whether the kernels shaped for CPU drivers run on the device at all.
+pub(crate) fn can_run_cpu_kernels(device: &Device) -> bool {
+    let caps = device.caps();
+    caps.subgroup_ballot && caps.subgroup_size >= SHARING_LANES && caps.int64
 }
 
 /// Packs the weights into device memory that the host can write, so that a renderer's queue is not needed.

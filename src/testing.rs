@@ -69,12 +69,12 @@ impl Bench {
 
     /// The variants that the engine would take on the device.
     pub fn default_variants(device: &Device) -> Variants {
-        Variants { broadcast: engine::prefers_broadcast(device), images: false, output_half: false }
+        Variants { cpu: engine::prefers_cpu_kernels(device), images: false, output_half: false }
     }
 
-    /// Whether the broadcasting variants run on the device.
-    pub fn can_broadcast(device: &Device) -> bool {
-        engine::can_broadcast(device)
+    /// Whether the variants for CPU drivers run on the device.
+    pub fn can_run_cpu_kernels(device: &Device) -> bool {
+        engine::can_run_cpu_kernels(device)
     }
 
     /// A buffer of `bytes` (a multiple of 4), filled with [`SENTINEL`], between guards.

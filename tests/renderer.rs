@@ -60,6 +60,7 @@ fn denoiser(renderer: &Renderer) -> Denoiser {
         device: renderer.device.clone(),
         queue_family: renderer.queue_family,
         storage_buffer_16bit: renderer.storage16,
+        shader_int64: renderer.int64,
     };
     // SAFETY: the handles are the renderer's, which the caller keeps alive.
     let device = unsafe { Device::from_renderer(handles) }.unwrap();
@@ -280,6 +281,7 @@ fn what_does_not_fit_is_refused_before_recording() {
         device: renderer.device.clone(),
         queue_family: 99,
         storage_buffer_16bit: false,
+        shader_int64: false,
     };
     // SAFETY: the other handles are the renderer's.
     let refused = unsafe { Device::from_renderer(handles) };

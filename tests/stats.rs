@@ -24,7 +24,7 @@ const AUX: BufferId = BufferId(4);
 const RESIDUAL: BufferId = BufferId(5);
 const TILE_LIST: BufferId = BufferId(6);
 
-const BUFFER_VARIANTS: Variants = Variants { broadcast: false, images: false, output_half: false };
+const BUFFER_VARIANTS: Variants = Variants { cpu: false, images: false, output_half: false };
 
 /// The grid that a frame is padded to: more than it needs, so that small ones are mirrored again and again.
 fn padded(extent: Extent) -> (u32, u32) {
@@ -253,7 +253,8 @@ fn tiles(rig: &mut Rig, extent: Extent, some: bool) -> Tiles {
         return Tiles::All;
     }
     let (across, down) = (extent.width.div_ceil(8), extent.height.div_ceil(8));
-    let list: Vec<_> = (0..down).flat_map(|y| (0..across).map(move |x| (x, y))).filter(|(x, y)| (x + y) % 3 == 1).collect();
+    let list: Vec<_> =
+        (0..down).flat_map(|y| (0..across).map(move |x| (x, y))).filter(|(x, y)| (x + y) % 3 == 1).collect();
     rig.bench.upload(TILE_LIST, &tile_bits(&list));
     rig.reference.set_tiles(TILE_LIST, &list);
     Tiles::List { buffer: TILE_LIST, count: list.len() as u32 }

@@ -15,7 +15,7 @@ vec4 accumulators[PIXELS * NV];
 
 void clear_accumulators(Weights bias, uint tile_n) {
     [[unroll]] for (int n = 0; n < NV; ++n) {
-        vec4 b = bias.v[tile_n * NV + n];
+        vec4 b = LOAD_WEIGHTS(bias, tile_n * NV + n);
         [[unroll]] for (int p = 0; p < PIXELS; ++p) accumulators[p * NV + n] = b;
     }
 }
@@ -26,12 +26,12 @@ vec4 lane_weights[PER_LANE];
 
 void fetch_weights(Weights weights, uint base) {
     uint lane = gl_SubgroupInvocationID & (BLOCK / PER_LANE - 1);
-    [[unroll]] for (int i = 0; i < PER_LANE; ++i) lane_weights[i] = weights.v[base + lane * PER_LANE + i];
+    [[unroll]] for (int i = 0; i < PER_LANE; ++i) lane_weights[i] = LOAD_WEIGHTS(weights, base + lane * PER_LANE + i);
 }
 #define WEIGHT(weights, base, j) subgroupBroadcast(lane_weights[(j) % PER_LANE], uint((j) / PER_LANE))
 #else
 #define fetch_weights(weights, base)
-#define WEIGHT(weights, base, j) weights.v[(base) + (j)]
+#define WEIGHT(weights, base, j) LOAD_WEIGHTS(weights, (base) + (j))
 #endif
 
 // accumulators += activations (PIXELS vectors of four input channels) x the block of weights at `base`.

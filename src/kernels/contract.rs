@@ -78,8 +78,8 @@ pub struct Contract {
 /// An optional device feature that a variant needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Need {
-    /// `subgroupBroadcast` in compute shaders, at least 8 invocations a subgroup.
-    SubgroupBroadcast8,
+    /// `subgroupBroadcast` in compute shaders, at least 8 invocations a subgroup; `shaderInt64`.
+    CpuDriver,
     /// `storageBuffer16BitAccess`.
     Storage16,
 }

@@ -154,7 +154,7 @@ const OUTPUT_IMAGES: &[Binding] = &[
     Binding { name: "dst_image", ty: BindingType::StorageImage },
 ];
 
-const BROADCAST: &[Need] = &[Need::SubgroupBroadcast8];
+const CPU: &[Need] = &[Need::CpuDriver];
 
 macro_rules! contracts {
     ($($(#[$meta:meta])* $konst:ident = $name:literal $source:literal $push:ident
@@ -168,34 +168,46 @@ macro_rules! contracts {
     };
 }
 
-// TX x TY outputs and 4 * NV channels an invocation: 2x2 keeps a GPU's registers, 4x2 suits CPU drivers.
+// TX x TY outputs and 4 * NV channels an invocation: 2x2 keeps a GPU's registers, more suits CPU drivers, on which a
+// load is one scalar load per lane: there lanes share weights (WEIGHTS_BROADCAST) and load 64 bits at once (WIDE_ACCESS).
 contracts! {
     /// Convolution, stride 1, tiles of 32 channels.
     CONV3X3 = "conv3x3" "conv3x3.comp" Conv3x3Push
         { "STRIDE": "1", "TX": "2", "TY": "2", "NV": "8" } &[], &[];
-    /// The same, weights handed round in the subgroup.
-    CONV3X3_BROADCAST = "conv3x3_broadcast" "conv3x3.comp" Conv3x3Push
-        { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_BROADCAST": "1" } &[], BROADCAST;
+    /// The same for CPU drivers.
+    CONV3X3_CPU = "conv3x3_cpu" "conv3x3.comp" Conv3x3Push
+        { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_BROADCAST": "1", "WIDE_ACCESS": "1" } &[], CPU;
     /// Convolution, stride 2.
     CONV3X3_S2 = "conv3x3_s2" "conv3x3.comp" Conv3x3Push
         { "STRIDE": "2", "TX": "2", "TY": "2", "NV": "8" } &[], &[];
-    /// The same, weights handed round in the subgroup.
-    CONV3X3_S2_BROADCAST = "conv3x3_s2_broadcast" "conv3x3.comp" Conv3x3Push
-        { "STRIDE": "2", "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_BROADCAST": "1" } &[], BROADCAST;
+    /// The same for CPU drivers.
+    CONV3X3_S2_CPU = "conv3x3_s2_cpu" "conv3x3.comp" Conv3x3Push
+        { "STRIDE": "2", "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_BROADCAST": "1", "WIDE_ACCESS": "1" } &[], CPU;
     /// Convolution to at most 4 channels.
     CONV3X3_N4 = "conv3x3_n4" "conv3x3.comp" Conv3x3Push
         { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "1" } &[], &[];
+    /// The same for CPU drivers.
+    CONV3X3_N4_CPU = "conv3x3_n4_cpu" "conv3x3.comp" Conv3x3Push
+        { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "1", "WIDE_ACCESS": "1" } &[], CPU;
     /// Pointwise convolution, tiles of 32 channels.
     LINEAR = "linear" "linear.comp" LinearPush { "TX": "2", "TY": "2", "NV": "8" } &[], &[];
-    /// The same, weights handed round in the subgroup.
-    LINEAR_BROADCAST = "linear_broadcast" "linear.comp" LinearPush
-        { "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_BROADCAST": "1" } &[], BROADCAST;
+    /// The same for CPU drivers.
+    LINEAR_CPU = "linear_cpu" "linear.comp" LinearPush
+        { "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_BROADCAST": "1", "WIDE_ACCESS": "1" } &[], CPU;
     /// Depthwise convolution.
-    DEPTHWISE3X3 = "depthwise3x3" "depthwise3x3.comp" Depthwise3x3Push {} &[], &[];
+    DEPTHWISE3X3 = "depthwise3x3" "depthwise3x3.comp" Depthwise3x3Push { "TX": "4", "TY": "2" } &[], &[];
+    /// The same for CPU drivers.
+    DEPTHWISE3X3_CPU = "depthwise3x3_cpu" "depthwise3x3.comp" Depthwise3x3Push
+        { "TX": "8", "TY": "4", "WIDE_ACCESS": "1" } &[], CPU;
     /// Layer normalisation.
     LAYER_NORM = "layer_norm" "layer_norm.comp" LayerNormPush {} &[], &[];
+    /// The same for CPU drivers.
+    LAYER_NORM_CPU = "layer_norm_cpu" "layer_norm.comp" LayerNormPush { "WIDE_ACCESS": "1" } &[], CPU;
     /// Joint window attention.
     WINDOW_ATTENTION = "window_attention" "window_attention.comp" WindowAttentionPush {} &[], &[];
+    /// The same for CPU drivers.
+    WINDOW_ATTENTION_CPU = "window_attention_cpu" "window_attention.comp" WindowAttentionPush
+        { "WIDE_ACCESS": "1" } &[], CPU;
     /// Partial sums of tokens.
     TOKEN_SUM = "token_sum" "token_sum.comp" TokenSumPush {} &[], &[];
     /// FiLM vectors.

@@ -57,11 +57,12 @@ fn dense_groups(tiles: u32, channels: u32, tile_channels: u32, pixels_per_invoca
 
 impl Kernel for Conv3x3 {
     fn contract(&self, variants: Variants) -> &'static Contract {
-        match (conv_tile_channels(self.channels) == NARROW_CHANNELS, self.stride, variants.broadcast) {
-            (true, ..) => &contracts::CONV3X3_N4,
-            (false, 2, true) => &contracts::CONV3X3_S2_BROADCAST,
+        match (conv_tile_channels(self.channels) == NARROW_CHANNELS, self.stride, variants.cpu) {
+            (true, _, true) => &contracts::CONV3X3_N4_CPU,
+            (true, _, false) => &contracts::CONV3X3_N4,
+            (false, 2, true) => &contracts::CONV3X3_S2_CPU,
             (false, 2, false) => &contracts::CONV3X3_S2,
-            (false, _, true) => &contracts::CONV3X3_BROADCAST,
+            (false, _, true) => &contracts::CONV3X3_CPU,
             (false, _, false) => &contracts::CONV3X3,
         }
     }
@@ -69,7 +70,7 @@ impl Kernel for Conv3x3 {
     fn groups(&self, variants: Variants) -> [u32; 3] {
         let (width, height) = self.result_size();
         let tile_channels = conv_tile_channels(self.channels);
-        let pixels = if variants.broadcast || tile_channels == NARROW_CHANNELS { 8 } else { 4 };
+        let pixels = if variants.cpu || tile_channels == NARROW_CHANNELS { 8 } else { 4 };
         dense_groups(self.tiles.count(width, height), self.channels, tile_channels, pixels)
     }
 
@@ -141,12 +142,12 @@ impl Linear {
 
 impl Kernel for Linear {
     fn contract(&self, variants: Variants) -> &'static Contract {
-        if variants.broadcast { &contracts::LINEAR_BROADCAST } else { &contracts::LINEAR }
+        if variants.cpu { &contracts::LINEAR_CPU } else { &contracts::LINEAR }
     }
 
     fn groups(&self, variants: Variants) -> [u32; 3] {
         let tiles = self.tiles.count(self.dst.width, self.dst.height);
-        dense_groups(tiles, self.dst.channels, TILE_CHANNELS, if variants.broadcast { 8 } else { 4 })
+        dense_groups(tiles, self.dst.channels, TILE_CHANNELS, if variants.cpu { 8 } else { 4 })
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {

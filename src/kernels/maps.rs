@@ -23,8 +23,8 @@ pub struct Depthwise3x3 {
 }
 
 impl Kernel for Depthwise3x3 {
-    fn contract(&self, _: Variants) -> &'static Contract {
-        &contracts::DEPTHWISE3X3
+    fn contract(&self, variants: Variants) -> &'static Contract {
+        if variants.cpu { &contracts::DEPTHWISE3X3_CPU } else { &contracts::DEPTHWISE3X3 }
     }
 
     fn groups(&self, _: Variants) -> [u32; 3] {
@@ -67,8 +67,8 @@ pub struct LayerNorm {
 }
 
 impl Kernel for LayerNorm {
-    fn contract(&self, _: Variants) -> &'static Contract {
-        &contracts::LAYER_NORM
+    fn contract(&self, variants: Variants) -> &'static Contract {
+        if variants.cpu { &contracts::LAYER_NORM_CPU } else { &contracts::LAYER_NORM }
     }
 
     fn groups(&self, _: Variants) -> [u32; 3] {

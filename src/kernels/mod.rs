@@ -146,8 +146,8 @@ pub struct Traffic {
 /// How the device prefers its kernels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Variants {
-    /// Weights handed round in the subgroup instead of loaded by every invocation.
-    pub broadcast: bool,
+    /// Kernels shaped for CPU drivers, on which loads cost more than arithmetic.
+    pub cpu: bool,
     /// The frame's planes are images instead of buffers.
     pub images: bool,
     /// The output's samples are halves.

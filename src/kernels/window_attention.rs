@@ -26,8 +26,8 @@ pub struct WindowAttention {
 }
 
 impl Kernel for WindowAttention {
-    fn contract(&self, _: Variants) -> &'static Contract {
-        &contracts::WINDOW_ATTENTION
+    fn contract(&self, variants: Variants) -> &'static Contract {
+        if variants.cpu { &contracts::WINDOW_ATTENTION_CPU } else { &contracts::WINDOW_ATTENTION }
     }
 
     fn groups(&self, _: Variants) -> [u32; 3] {

@@ -7,7 +7,6 @@ use super::tiles;
 use crate::frame::{Extent, Frame, Plane, Samples};
 use crate::kernels::frame_io::{InputAux, InputColor, Output};
 
-
 /// Exposed colour ends here, and so does an output of halves.
 const LARGEST_HALF: f64 = 65504.0;
 /// Depths from here on are background, in planes of floats and of halves.
@@ -157,7 +156,13 @@ pub fn output(reference: &mut Reference, call: &Output) {
 
 /// Clamps to [0, end]; NaN stays.
 fn clamp(value: f64, end: f64) -> f64 {
-    if value < 0.0 { 0.0 } else if value > end { end } else { value }
+    if value < 0.0 {
+        0.0
+    } else if value > end {
+        end
+    } else {
+        value
+    }
 }
 
 /// Fills every token of a padded map from the pixel that it shows.

@@ -182,7 +182,13 @@ impl<'a> Reference<'a> {
     }
 
     /// Writes the listed tiles of `map` to a view, every element where `place` says.
-    fn store(&mut self, map: &Map, view: &View, tiles: &[tiles::Tile], place: impl Fn(usize, usize, usize) -> map::Place) {
+    fn store(
+        &mut self,
+        map: &Map,
+        view: &View,
+        tiles: &[tiles::Tile],
+        place: impl Fn(usize, usize, usize) -> map::Place,
+    ) {
         map.write(self.buffer_mut(view.buffer), view, tiles, place);
     }
 

@@ -63,7 +63,9 @@ impl Parameters {
             }
             Pack::BiasTable { table, heads } => {
                 let (table, heads) = (named(table)?, *heads as usize);
-                Self::BiasTable((0..heads).map(|head| wide(table).skip(head).step_by(heads).take(225).collect()).collect())
+                Self::BiasTable(
+                    (0..heads).map(|head| wide(table).skip(head).step_by(heads).take(225).collect()).collect(),
+                )
             }
             Pack::FilmVector { weight, inputs, outputs } => {
                 let rows = tensor(weight, "weight")?.chunks_exact(*inputs as usize).map(|row| wide(row).collect());

@@ -43,7 +43,8 @@ fn window(
         let start = (window_y * SIDE + i / SIDE) * map.row_len() + (window_x * SIDE + i % SIDE) * map.channels;
         start..start + map.channels
     };
-    let part = |map: &Map, i: usize, first: usize, width: usize| map.values[token(map, i)][first..first + width].to_vec();
+    let part =
+        |map: &Map, i: usize, first: usize, width: usize| map.values[token(map, i)][first..first + width].to_vec();
     let cut = |map: &Map, first: usize, width: usize| -> Vec<Vec<f64>> {
         (0..SIDE * SIDE).map(|i| part(map, i, first + head * width, width)).collect()
     };

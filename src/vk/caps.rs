@@ -64,6 +64,8 @@ pub struct Caps {
     pub subgroup_size: u32,
     /// `subgroupBroadcast` in compute shaders.
     pub subgroup_ballot: bool,
+    /// `shaderInt64` (enabled).
+    pub int64: bool,
     /// `storageBuffer16BitAccess` (enabled).
     pub storage16: bool,
     /// Nanoseconds per timestamp tick; 0 where the queue has no timestamps.
@@ -89,7 +91,7 @@ pub(crate) fn requirements() -> Requirements {
         api_version: (1, 2),
         extensions: Vec::new(),
         features: vec!["bufferDeviceAddress"],
-        optional_features: vec!["storageBuffer16BitAccess"],
+        optional_features: vec!["storageBuffer16BitAccess", "shaderInt64"],
     }
 }
 
@@ -124,6 +126,8 @@ pub(crate) fn inspect(instance: &ash::Instance, physical: vk::PhysicalDevice, in
         // SAFETY: as above.
         unsafe { instance.get_physical_device_features2(physical, &mut features) };
     }
+    // SAFETY: as above.
+    let features10 = unsafe { instance.get_physical_device_features(physical) };
     // SAFETY: as above.
     let memory = unsafe { instance.get_physical_device_memory_properties(physical) };
     // SAFETY: as above.
@@ -175,6 +179,7 @@ pub(crate) fn inspect(instance: &ash::Instance, physical: vk::PhysicalDevice, in
         subgroup_size: subgroup.subgroup_size,
         subgroup_ballot: subgroup.supported_stages.contains(vk::ShaderStageFlags::COMPUTE)
             && subgroup.supported_operations.contains(vk::SubgroupFeatureFlags::BALLOT),
+        int64: features10.shader_int64 == vk::TRUE,
         storage16: features11.storage_buffer16_bit_access == vk::TRUE,
         timestamp_period: limits.timestamp_period,
     };

@@ -71,6 +71,8 @@ pub struct RendererDevice {
     pub queue_family: u32,
     /// Whether `storageBuffer16BitAccess` was enabled: half-float buffers can then be written.
     pub storage_buffer_16bit: bool,
+    /// Whether `shaderInt64` was enabled: CPU drivers then run faster.
+    pub shader_int64: bool,
 }
 
 /// A Vulkan device that denoisers run on. Cheap to clone; `Send` and `Sync`.
@@ -147,8 +149,10 @@ impl Device {
         let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(queue_family).queue_priorities(&priorities)];
         let mut features12 = vk::PhysicalDeviceVulkan12Features::default().buffer_device_address(true);
         let mut features11 = vk::PhysicalDeviceVulkan11Features::default().storage_buffer16_bit_access(caps.storage16);
+        let features = vk::PhysicalDeviceFeatures::default().shader_int64(caps.int64);
         let create = vk::DeviceCreateInfo::default()
             .queue_create_infos(&queues)
+            .enabled_features(&features)
             .push_next(&mut features12)
             .push_next(&mut features11);
         // SAFETY: the features were reported by this physical device; the pointers outlive the call.
@@ -184,10 +188,10 @@ impl Device {
     ///
     /// # Safety
     /// The handles must be valid, belong together and outlive this `Device` and everything made from it; the device
-    /// must have been created with everything of [`Device::requirements`] enabled, and with
-    /// `storageBuffer16BitAccess` where `storage_buffer_16bit` says so.
+    /// must have been created with everything of [`Device::requirements`] enabled, and with `storageBuffer16BitAccess` and
+    /// `shaderInt64` where `storage_buffer_16bit` and `shader_int64` say so.
     pub unsafe fn from_renderer(renderer: RendererDevice) -> Result<Self> {
-        let RendererDevice { instance, physical_device, device, queue_family, storage_buffer_16bit } = renderer;
+        let RendererDevice { instance, physical_device, device, queue_family, storage_buffer_16bit, shader_int64 } = renderer;
         // SAFETY: the caller vouches for the handles.
         let physicals = unsafe { instance.enumerate_physical_devices() }.called("vkEnumeratePhysicalDevices")?;
         let index = physicals.iter().position(|p| *p == physical_device).unwrap_or(0);
@@ -203,6 +207,7 @@ impl Device {
             return Err(Error::Unsupported { device: info.name, missing });
         }
         let caps = Caps {
+            int64: caps.int64 && shader_int64,
             storage16: caps.storage16 && storage_buffer_16bit,
             timestamp_period: if family.is_some_and(|f| f.timestamp_valid_bits > 0) { caps.timestamp_period } else { 0.0 },
             ..caps

@@ -37,9 +37,9 @@ pub fn small_net(channels: u32, bottleneck: Block) -> Weights {
 
 /// The variants to run: with weights handed round in the subgroup, if the device can, and without.
 pub fn variants() -> Vec<Variants> {
-    let plain = Variants { broadcast: false, images: false, output_half: false };
-    let both = [plain, Variants { broadcast: true, ..plain }];
-    both.into_iter().filter(|v| !v.broadcast || Bench::can_broadcast(device())).collect()
+    let plain = Variants { cpu: false, images: false, output_half: false };
+    let both = [plain, Variants { cpu: true, ..plain }];
+    both.into_iter().filter(|v| !v.cpu || Bench::can_run_cpu_kernels(device())).collect()
 }
 
 /// Makes the buffers on a bench, in order, and fills those of weights.
@@ -183,7 +183,7 @@ impl Cases {
             for (_, result) in &self.cases {
                 assert!(self.bits(&bench, *result) == after[result.0], "{name}: another run, other bits");
             }
-            println!("{name}, broadcast {}: {} cases, NMSE {worst:.1e}", variants.broadcast, self.cases.len());
+            println!("{name}, broadcast {}: {} cases, NMSE {worst:.1e}", variants.cpu, self.cases.len());
         }
         assert_no_validation_messages();
     }

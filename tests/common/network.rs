@@ -43,7 +43,9 @@ pub fn wide(values: &[f32]) -> Vec<f64> {
 /// The real channels of a residual, `[pixel][3]`, from `[token][4]`; of the unpadded frame only.
 pub fn crop<T: Copy>(values: &[T], padded: Extent, extent: Extent) -> Vec<T> {
     let rows = values.chunks_exact(4 * padded.width as usize).take(extent.height as usize);
-    rows.flat_map(|row| row.chunks_exact(4).take(extent.width as usize).flat_map(|pixel| &pixel[..3])).copied().collect()
+    rows.flat_map(|row| row.chunks_exact(4).take(extent.width as usize).flat_map(|pixel| &pixel[..3]))
+        .copied()
+        .collect()
 }
 
 /// An image padded as the network wants it: mirrored to the right and below, channels filled up with zeros.
@@ -76,7 +78,8 @@ pub fn run_and_assert_shares(reference: &mut Reference, plan: &Plan, weights: &W
             Call::Conv3x3(k) => (k.src, k.dst, k.film, k.residual),
             Call::Linear(k) => (k.src, k.dst, k.film, k.residual),
             Call::WindowAttention(attention) => {
-                let Place::Weights { pack: Pack::BiasTable { table, .. }, .. } = &plan.buffer(attention.bias).place else {
+                let Place::Weights { pack: Pack::BiasTable { table, .. }, .. } = &plan.buffer(attention.bias).place
+                else {
                     panic!("{name} has no bias table");
                 };
                 let table = &weights.tensor(table).unwrap().data;
@@ -94,11 +97,10 @@ pub fn run_and_assert_shares(reference: &mut Reference, plan: &Plan, weights: &W
         shares.push((name.clone(), change_without(reference, i, &src, &dst)));
         if let Some(film) = film {
             let (vector, full) = (reference.buffer(film).to_vec(), reference.view(&dst));
-            let beta_less: Vec<f64> = vector.iter().enumerate().map(|(c, v)| if 2 * c < vector.len() { *v } else { 0.0 }).collect();
-            reference.set_buffer(film, &beta_less);
+            let (gamma, beta) = vector.split_at(vector.len() / 2);
+            reference.set_buffer(film, &[gamma, &vec![0.0; beta.len()]].concat());
             shares.push((format!("{name} beta"), change(reference, i, &dst, &full)));
             reference.set_buffer(film, &vector);
-            reference.run_dispatch(i);
         }
         if name.ends_with("ffn.contract") {
             let whole = rms(&reference.view(&dst));
@@ -116,18 +118,24 @@ fn change_without(reference: &mut Reference, dispatch: usize, src: &View, dst: &
     reference.set_view(src, &vec![0.0; source.len()]);
     let size = change(reference, dispatch, dst, &full);
     reference.set_view(src, &source);
-    reference.run_dispatch(dispatch);
     size
 }
 
+/// How much a dispatch's result differs from `full`, which is put back.
 fn change(reference: &mut Reference, dispatch: usize, dst: &View, full: &[f64]) -> f64 {
     reference.run_dispatch(dispatch);
     let without = reference.view(dst);
+    reference.set_view(dst, full);
     rms(&full.iter().zip(&without).map(|(a, b)| a - b).collect::<Vec<_>>())
 }
 
 /// The joint scores of the first window and head, sorted.
-fn joint_scores(x: &[f64], f: &[f64], k: &vkdenoise::kernels::window_attention::WindowAttention, table: &[f32]) -> Vec<f64> {
+fn joint_scores(
+    x: &[f64],
+    f: &[f64],
+    k: &vkdenoise::kernels::window_attention::WindowAttention,
+    table: &[f32],
+) -> Vec<f64> {
     let (heads, keys) = (k.heads as usize, k.key_width as usize);
     let token = |map: &[f64], view: &View, i: usize, first: usize| {
         let start = (i / 8 * view.width as usize + i % 8) * view.channels as usize + first;

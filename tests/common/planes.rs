@@ -46,9 +46,7 @@ impl TestPlane {
         for y in 0..extent.height as usize {
             for x in 0..extent.width as usize {
                 for channel in 0..channels {
-                    let at = |l: &Layout| {
-                        l.offset + y * l.row_stride + x * l.pixel_stride + channel * l.channel_stride
-                    };
+                    let at = |l: &Layout| l.offset + y * l.row_stride + x * l.pixel_stride + channel * l.channel_stride;
                     samples[at(&layout)] = self.get(at(&self.layout));
                 }
             }

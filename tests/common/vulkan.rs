@@ -14,6 +14,7 @@ pub struct Renderer {
     pub device: ash::Device,
     pub queue_family: u32,
     pub storage16: bool,
+    pub int64: bool,
     queue: vk::Queue,
     pool: vk::CommandPool,
     memory: vk::PhysicalDeviceMemoryProperties,
@@ -80,14 +81,17 @@ impl Renderer {
             let mut available = vk::PhysicalDeviceFeatures2::default().push_next(&mut available11);
             instance.get_physical_device_features2(physical_device, &mut available);
             let storage16 = available11.storage_buffer16_bit_access == vk::TRUE;
+            let int64 = instance.get_physical_device_features(physical_device).shader_int64 == vk::TRUE;
             assert_eq!(Device::requirements().features, ["bufferDeviceAddress"]);
             assert!(Device::requirements().extensions.is_empty());
             let mut features12 = vk::PhysicalDeviceVulkan12Features::default().buffer_device_address(true);
             let mut features11 = vk::PhysicalDeviceVulkan11Features::default().storage_buffer16_bit_access(storage16);
             let queues =
                 [vk::DeviceQueueCreateInfo::default().queue_family_index(queue_family).queue_priorities(&[1.0])];
+            let features = vk::PhysicalDeviceFeatures::default().shader_int64(int64);
             let info = vk::DeviceCreateInfo::default()
                 .queue_create_infos(&queues)
+                .enabled_features(&features)
                 .push_next(&mut features12)
                 .push_next(&mut features11);
             let device = instance.create_device(physical_device, &info, None).unwrap();
@@ -102,6 +106,7 @@ impl Renderer {
                 device,
                 queue_family,
                 storage16,
+                int64,
                 queue,
                 pool,
                 memory,
