@@ -111,9 +111,9 @@ fn linear() {
     let mut cases = dense_cases(4);
     for _ in 0..40 {
         let size = size(&mut cases, 8);
-        let first = cases.random.pick(&[4, 7, 8, 12, 32, 36, 64]);
+        let first: u32 = cases.random.pick(&[4, 7, 8, 12, 32, 36, 64]);
         // A second input follows the first's own channels, which then are a multiple of four.
-        let second = cases.random.pick(&[0, 0, 4, 12, 32, 64]) * u32::from(first % 4 == 0);
+        let second = cases.random.pick(&[0, 0, 4, 12, 32, 64]) * u32::from(first.is_multiple_of(4));
         let mut parts = vec![];
         let names = [vec!["q"], vec!["q", "k"], vec!["q", "k", "v"], vec!["v"]];
         let chosen = cases.random.integer(0, 3) as usize;

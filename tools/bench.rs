@@ -6,6 +6,10 @@ use std::io::BufRead;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Instant;
+use vkdenoise::net::Arch;
+use vkdenoise::net::graph::Graph;
+use vkdenoise::net::weights::WeightsError;
+use vkdenoise::plan::{PlanOptions, plan};
 use vkdenoise::{
     Denoiser, Device, DeviceSelector, Error, Extent, Features, Frame, Layout, Options, Plane, PlaneMut, Weights,
 };
@@ -40,6 +44,12 @@ enum Command {
         #[arg(long)]
         weights: Option<PathBuf>,
     },
+    /// Print the device memory that a renderer's pass takes at a size, from the plan. Needs no device.
+    Memory {
+        /// Frame size.
+        #[arg(long, default_value = "1920x1080", value_parser = parse_size)]
+        size: Extent,
+    },
 }
 
 fn parse_size(text: &str) -> Result<Extent, String> {
@@ -48,11 +58,15 @@ fn parse_size(text: &str) -> Result<Extent, String> {
 }
 
 fn main() -> ExitCode {
-    let Command::Pass { size, repeat, warm_up, on_request, device, weights } = Arguments::parse().command;
-    let outcome = Device::open(&device).and_then(|device| {
-        let weights = weights.map_or_else(Weights::hybrid, |path| Ok(Weights::from_file(path)?))?;
-        pass(&device, &weights, size, (warm_up, repeat), on_request)
-    });
+    let outcome = match Arguments::parse().command {
+        Command::Pass { size, repeat, warm_up, on_request, device, weights } => {
+            Device::open(&device).and_then(|device| {
+                let weights = weights.map_or_else(Weights::hybrid, |path| Ok(Weights::from_file(path)?))?;
+                pass(&device, &weights, size, (warm_up, repeat), on_request)
+            })
+        }
+        Command::Memory { size } => memory(size),
+    };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(error) => {
@@ -60,6 +74,17 @@ fn main() -> ExitCode {
             ExitCode::FAILURE
         }
     }
+}
+
+fn memory(extent: Extent) -> Result<(), Error> {
+    let graph = Graph::new(&Arch::hybrid()).map_err(WeightsError::from)?;
+    let plan = plan(&graph, extent, &PlanOptions { max_block_bytes: u64::MAX, keep_all: false })?;
+    let line = serde_json::json!({
+        "width": extent.width, "height": extent.height,
+        "arena_bytes": plan.blocks.iter().sum::<u64>(), "weights_bytes": plan.weights_bytes,
+    });
+    println!("{line}");
+    Ok(())
 }
 
 fn pass(

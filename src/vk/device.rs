@@ -181,7 +181,7 @@ impl Device {
     }
 
     /// Uses a renderer's device. The library makes its own memory, pipelines and descriptor sets on it and never
-    /// submits or waits: passes are recorded into the renderer's command buffers ([`crate::Denoiser::record`]).
+    /// submits or waits: passes are recorded into the renderer's command buffers ([`crate::Pass::record`]).
     ///
     /// # Errors
     /// [`Error::Unsupported`] where the physical device cannot run the denoiser at all; [`Error::Vulkan`].

@@ -1,4 +1,4 @@
-//! Everything that touches Vulkan: devices, memory, pipelines, submission. `unsafe` lives here and in [`crate::record`].
+//! Everything that touches Vulkan: devices, memory, pipelines, submission. `unsafe` lives here and in `record.rs`.
 
 pub mod caps;
 pub mod device;
