@@ -150,6 +150,20 @@ impl<'a> Plane<'a> {
     pub(crate) fn pack(&self, extent: Extent, channels: usize, out: &mut [f32]) {
         pack(&self.samples, &self.layout, extent, channels, out);
     }
+
+    /// Copies a depth plane into 32-bit floats, its background kept.
+    pub(crate) fn pack_depth(&self, extent: Extent, out: &mut [f32]) {
+        self.pack(extent, 1, out);
+        if let Samples::F16(_) = self.samples {
+            widen_half_depths(out);
+        }
+    }
+}
+
+/// Makes the background of depths that were halves the background of floats: halves cannot hold 1e9.
+pub(crate) fn widen_half_depths(depths: &mut [f32]) {
+    const HALF_BACKGROUND: f32 = 65000.0;
+    depths.iter_mut().filter(|depth| **depth >= HALF_BACKGROUND).for_each(|depth| *depth = f32::INFINITY);
 }
 
 /// A plane to write, of three channels.
@@ -224,7 +238,8 @@ pub struct Features<'a> {
     pub albedo: Option<Plane<'a>>,
     /// Shading normal: three channels in [-1, 1], in world or camera space.
     pub normal: Option<Plane<'a>>,
-    /// Depth: one channel, any unit, larger is farther; 0, negative, non-finite or at least 1e9 is background.
+    /// Depth: one channel, any unit, larger is farther; 0, negative, non-finite or at least 1e9 (in halves 65000) is
+    /// background.
     pub depth: Option<Plane<'a>>,
 }
 

@@ -3,7 +3,7 @@
 use crate::denoiser::Report;
 use crate::engine::Engine;
 use crate::error::{Error, Result};
-use crate::frame::{Extent, Features, Layout, Plane, PlaneMut};
+use crate::frame::{Extent, Features, Layout, PlaneMut};
 use crate::kernels::stats::STATS_FLOATS;
 use crate::pass::{Binding, FrameOptions, Pass};
 use crate::renderer::{BufferFrame, BufferPlane, SampleFormat};
@@ -74,12 +74,16 @@ impl HostPass {
     pub fn run(&mut self, features: &Features, options: &FrameOptions, started: Instant) -> Result<Report> {
         let extent = self.extent();
         let pixels = extent.pixels() as usize;
-        let planes = [(&features.albedo, 3, 3), (&features.normal, 6, 3), (&features.depth, 9, 1)];
-        for (plane, first, channels) in planes {
-            let staged = &mut self.floats()[first * pixels..][..channels * pixels];
-            plane.as_ref().map(|plane: &Plane| plane.pack(extent, channels, staged)).unwrap_or_default();
+        let Features { albedo, normal, depth } = features;
+        for (plane, first) in [(albedo, 3), (normal, 6)] {
+            if let Some(plane) = plane {
+                plane.pack(extent, 3, &mut self.floats()[first * pixels..][..3 * pixels]);
+            }
         }
-        let present = planes.map(|(plane, ..)| plane.is_some());
+        if let Some(plane) = depth {
+            plane.pack_depth(extent, &mut self.floats()[9 * pixels..][..pixels]);
+        }
+        let present = [albedo, normal, depth].map(Option::is_some);
         if self.recorded != Some((present, *options)) {
             self.record(present, options)?;
         }

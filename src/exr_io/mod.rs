@@ -37,8 +37,9 @@ pub use codec::MAX_PIXELS;
 pub use error::ExrError;
 pub use replace::replace_file;
 
-use crate::frame::{Extent, Features, Frame, Layout, Plane};
+use crate::frame::{Extent, Features, Frame, Layout, Plane, widen_half_depths};
 use container::Container;
+use exr::meta::attribute::SampleType;
 use layers::Layer;
 use select::Pick;
 use std::fmt;
@@ -230,7 +231,8 @@ impl ExrFrame {
             if part == self.pick.part {
                 self.color = planes.pop().unwrap_or_default();
             }
-            for ((role, _), plane) in here.into_iter().zip(planes) {
+            for ((role, pick), mut plane) in here.into_iter().zip(planes) {
+                widen_depth(*role, &self.container, pick, &mut plane);
                 *self.plane_mut(*role) = Some(plane);
             }
         }
@@ -248,8 +250,9 @@ impl ExrFrame {
             return Err(ExrError::WindowMismatch { path: path.into(), found, wanted });
         }
         codec::check_size(&container, pick.part)?;
-        let planes = codec::decode_planes(&container, pick.part, &[pick.channels.as_slice()])?;
-        *self.plane_mut(role) = planes.into_iter().next();
+        let mut planes = codec::decode_planes(&container, pick.part, &[pick.channels.as_slice()])?;
+        planes.iter_mut().for_each(|plane| widen_depth(role, &container, &pick, plane));
+        *self.plane_mut(role) = planes.pop();
         *self.used_mut(role) = Some(used_layer(&container, &pick, Some(path)));
         Ok(())
     }
@@ -345,4 +348,13 @@ fn used_layer(container: &Container, pick: &Pick, file: Option<&Path>) -> UsedLa
 fn window_text(window: exr::meta::attribute::IntegerBounds) -> String {
     let (start, size) = (window.position, window.size);
     format!("{} x {} pixels from ({}, {})", size.x(), size.y(), start.x(), start.y())
+}
+
+/// A depth channel of halves cannot hold the background of floats.
+fn widen_depth(role: Role, container: &Container, pick: &Pick, plane: &mut [f32]) {
+    let channels = &container.header(pick.part).channels.list;
+    let halves = |&channel: &usize| channels[channel].sample_type == SampleType::F16;
+    if role == Role::Depth && pick.channels.iter().all(halves) {
+        widen_half_depths(plane);
+    }
 }

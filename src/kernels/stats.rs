@@ -200,6 +200,6 @@ impl Kernel for Key {
     }
 
     fn traffic(&self, _: u64) -> Traffic {
-        Traffic { reads: vec![(self.src, u64::from(self.tiles) * 4)], writes: vec![(self.stats, 8)] }
+        Traffic { reads: vec![(self.src, u64::from(self.tiles) * 4), (self.stats, 4)], writes: vec![(self.stats, 8)] }
     }
 }

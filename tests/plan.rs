@@ -1,0 +1,97 @@
+//! Plans as data: barriers where memory asks for them and nowhere else, no two live buffers at one place, limits.
+//!
+//! Kernels reach memory by address, which the validation layer's synchronisation checks do not follow: these tests are
+//! what stands for them.
+
+use vkdenoise::kernels::BufferId;
+use vkdenoise::net::{Arch, Graph};
+use vkdenoise::plan::{Dispatch, Place, Plan, PlanOptions, plan};
+use vkdenoise::{Error, Extent};
+
+fn plan_of(name: &str, extent: Extent, max_block_bytes: u64) -> Result<Plan, Error> {
+    let graph = Graph::new(&Arch::named(name).unwrap()).unwrap();
+    plan(&graph, extent, &PlanOptions { max_block_bytes, keep_all: false })
+}
+
+fn spans(plan: &Plan, touched: &[(BufferId, u64)]) -> Vec<(usize, u64, u64)> {
+    let span = |(id, _): &(BufferId, u64)| match plan.buffer(*id).place {
+        Place::Arena { block, offset } => Some((block, offset, offset + plan.buffer(*id).bytes)),
+        Place::Weights { .. } => None,
+    };
+    touched.iter().filter_map(span).collect()
+}
+
+fn conflict(plan: &Plan, a: &Dispatch, b: &Dispatch) -> bool {
+    let (a, b) = (a.traffic(), b.traffic());
+    let overlap = |x: &[(BufferId, u64)], y: &[(BufferId, u64)]| {
+        let (x, y) = (spans(plan, x), spans(plan, y));
+        x.iter().any(|p| y.iter().any(|q| p.0 == q.0 && p.1 < q.2 && q.1 < p.2))
+    };
+    overlap(&a.writes, &b.reads) || overlap(&a.reads, &b.writes) || overlap(&a.writes, &b.writes)
+}
+
+#[test]
+fn every_conflict_has_a_barrier_and_every_barrier_a_conflict() {
+    for name in Arch::NAMES {
+        let plan = plan_of(name, Extent::new(200, 120), u64::MAX).unwrap();
+        let mut since_barrier: Vec<&Dispatch> = Vec::new();
+        for dispatch in &plan.dispatches {
+            let conflicts = since_barrier.iter().any(|earlier| conflict(&plan, earlier, dispatch));
+            assert_eq!(dispatch.barrier, conflicts, "{name}: {}", dispatch.name);
+            if dispatch.barrier {
+                since_barrier.clear();
+            }
+            since_barrier.push(dispatch);
+        }
+    }
+}
+
+#[test]
+fn what_is_read_was_written_and_not_overwritten() {
+    for name in Arch::NAMES {
+        let plan = plan_of(name, Extent::new(130, 257), 1 << 27).unwrap();
+        assert!(plan.blocks.iter().all(|bytes| *bytes <= 1 << 27), "{:?}", plan.blocks);
+        // Who wrote last: (block, start, end, buffer).
+        let mut memory: Vec<(usize, u64, u64, BufferId)> = Vec::new();
+        for dispatch in &plan.dispatches {
+            let traffic = dispatch.traffic();
+            for (id, _) in &traffic.reads {
+                for span in spans(&plan, &[(*id, 0)]) {
+                    let owners: Vec<_> = memory
+                        .iter()
+                        .filter(|m| m.0 == span.0 && m.1 < span.2 && span.1 < m.2)
+                        .map(|m| m.3)
+                        .collect();
+                    assert_eq!(owners, [*id], "{name}: {} reads {}", dispatch.name, plan.buffer(*id).name);
+                }
+            }
+            for (id, _) in &traffic.writes {
+                for span in spans(&plan, &[(*id, 0)]) {
+                    memory.retain(|m| m.0 != span.0 || m.2 <= span.1 || span.2 <= m.1);
+                    memory.push((span.0, span.1, span.2, *id));
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn memory_and_padding() {
+    let plan = plan_of("hybrid", Extent::new(1920, 1080), u64::MAX).unwrap();
+    assert_eq!((plan.padded.width, plan.padded.height), (1920, 1152));
+    assert!(plan.bytes() < 1 << 30, "{}", plan.bytes());
+    let exact = plan_of("hybrid", Extent::new(256, 128), u64::MAX).unwrap();
+    assert_eq!(exact.padded, exact.extent);
+    // True FLOPs at 128x128, now as dispatches.
+    let small = plan_of("hybrid", Extent::new(128, 128), u64::MAX).unwrap();
+    let gflop = small.dispatches.iter().map(|d| d.flops).sum::<u64>() as f64 * 1e-9;
+    assert!((gflop - 2.902).abs() < 5e-4, "{gflop}");
+}
+
+#[test]
+fn what_does_not_fit_is_an_error() {
+    let refused = plan_of("hybrid", Extent::new(1024, 1024), 1 << 20);
+    assert!(matches!(refused, Err(Error::FrameTooLarge { reason, .. }) if reason.contains("1048576")));
+    assert!(matches!(plan_of("hybrid", Extent::new(0, 5), u64::MAX), Err(Error::EmptyFrame { .. })));
+    assert!(matches!(plan_of("hybrid", Extent::new(u32::MAX, 5), u64::MAX), Err(Error::FrameTooLarge { .. })));
+}
