@@ -4,7 +4,7 @@ use crate::denoiser::Exposure;
 use crate::engine::Engine;
 use crate::error::{Error, Result};
 use crate::frame::Extent;
-use crate::kernels::{Addresses, BufferId, PlaneArgs, Variants, contracts};
+use crate::kernels::{Addresses, BufferId, FrameArgs, PlaneArgs, Variants, contracts};
 use crate::net::weights::ExposureRule;
 use crate::plan::{ELEMENT_BYTES, Place, Plan};
 use crate::record::Recording;
@@ -35,11 +35,7 @@ pub struct Binding {
     pipelines: Vec<Arc<Pipeline>>,
     variants: Variants,
     extent: Extent,
-    color: PlaneArgs,
-    albedo: PlaneArgs,
-    normal: PlaneArgs,
-    depth: PlaneArgs,
-    output: PlaneArgs,
+    planes: FrameArgs,
 }
 
 /// What may change from frame to frame.
@@ -116,11 +112,14 @@ impl Pass {
             pipelines: Vec::new(),
             variants: Variants { output_half: output.half, ..self.engine.variants() },
             extent,
-            color: resolve(Some(&frame.color), "colour", 3)?,
-            albedo: resolve(frame.albedo.as_ref(), "albedo", 3)?,
-            normal: resolve(frame.normal.as_ref(), "normal", 3)?,
-            depth: resolve(frame.depth.as_ref(), "depth", 1)?,
-            output,
+            planes: FrameArgs {
+                color: resolve(Some(&frame.color), "colour", 3)?,
+                albedo: resolve(frame.albedo.as_ref(), "albedo", 3)?,
+                normal: resolve(frame.normal.as_ref(), "normal", 3)?,
+                depth: resolve(frame.depth.as_ref(), "depth", 1)?,
+                output,
+                ..FrameArgs::default()
+            },
         };
         binding.pipelines = self.engine.pipelines.for_dispatches(&self.plan.dispatches, binding.variants)?;
         Ok(binding)
@@ -149,11 +148,14 @@ impl Pass {
             pipelines: self.engine.pipelines.for_dispatches(&self.plan.dispatches, variants)?,
             variants,
             extent: self.plan.extent,
-            color: args(Some(&frame.color)),
-            albedo: args(frame.albedo.as_ref()),
-            normal: args(frame.normal.as_ref()),
-            depth: args(frame.depth.as_ref()),
-            output: args(Some(&frame.output)),
+            planes: FrameArgs {
+                color: args(Some(&frame.color)),
+                albedo: args(frame.albedo.as_ref()),
+                normal: args(frame.normal.as_ref()),
+                depth: args(frame.depth.as_ref()),
+                output: args(Some(&frame.output)),
+                ..FrameArgs::default()
+            },
         })
     }
 
@@ -190,17 +192,15 @@ impl Pass {
             addresses: Addresses {
                 buffer: &|id| self.address(id),
                 element_bytes: ELEMENT_BYTES,
-                color: binding.color,
-                albedo: binding.albedo,
-                normal: binding.normal,
-                depth: binding.depth,
-                output: binding.output,
-                exposure: match (options.exposure, self.engine.exposure_rule) {
-                    (Exposure::Fixed(factor), _) => Some(factor),
-                    (Exposure::Auto, ExposureRule::Auto) => None,
-                    (Exposure::Auto, ExposureRule::None) => Some(1.0),
+                frame: FrameArgs {
+                    exposure: match (options.exposure, self.engine.exposure_rule) {
+                        (Exposure::Fixed(factor), _) => Some(factor),
+                        (Exposure::Auto, ExposureRule::Auto) => None,
+                        (Exposure::Auto, ExposureRule::None) => Some(1.0),
+                    },
+                    blend: options.blend,
+                    ..binding.planes
                 },
-                blend: options.blend,
             },
             pipelines: &binding.pipelines,
             sets: binding.sets.as_ref().map_or(&no_sets, |sets| &sets.sets),

@@ -4,7 +4,7 @@ use crate::denoiser::Denoiser;
 use crate::engine;
 use crate::error::{Error, Result};
 use crate::frame::{Frame, Layout, PlaneMut};
-use crate::kernels::{Addresses, BufferId, Call, PlaneArgs, Variants};
+use crate::kernels::{Addresses, BufferId, Call, FrameArgs, PlaneArgs, Variants};
 use crate::net::graph::Stage;
 use crate::plan::{Dispatch, ELEMENT_BYTES, Plan};
 use crate::record::{Pipelines, Recording};
@@ -29,26 +29,7 @@ pub struct Bench {
     /// Which kernel variants run.
     pub variants: Variants,
     /// Planes of the frame that the calls read and write; [`Bench::plane`] makes them.
-    pub planes: FramePlanes,
-}
-
-/// The frame of a [`Bench`].
-#[derive(Clone, Copy, Debug, Default)]
-pub struct FramePlanes {
-    /// Colour.
-    pub color: PlaneArgs,
-    /// Albedo.
-    pub albedo: PlaneArgs,
-    /// Normal.
-    pub normal: PlaneArgs,
-    /// Depth.
-    pub depth: PlaneArgs,
-    /// Output.
-    pub output: PlaneArgs,
-    /// Fixed exposure.
-    pub exposure: Option<f32>,
-    /// Share of the noisy colour.
-    pub blend: f32,
+    pub planes: FrameArgs,
 }
 
 impl Bench {
@@ -63,7 +44,7 @@ impl Bench {
             pipelines: Pipelines::new(device),
             buffers: Vec::new(),
             variants,
-            planes: FramePlanes::default(),
+            planes: FrameArgs::default(),
         })
     }
 
@@ -144,13 +125,7 @@ impl Bench {
             addresses: Addresses {
                 buffer: &|id| buffers[id.0].1.address() + GUARD as u64,
                 element_bytes: ELEMENT_BYTES,
-                color: planes.color,
-                albedo: planes.albedo,
-                normal: planes.normal,
-                depth: planes.depth,
-                output: planes.output,
-                exposure: planes.exposure,
-                blend: planes.blend,
+                frame: *planes,
             },
             pipelines: &pipelines,
             sets: &HashMap::new(),

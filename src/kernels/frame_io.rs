@@ -42,20 +42,20 @@ impl Kernel for InputColor {
 
     fn push(&self, at: &Addresses) -> PushBytes {
         PushBytes::new(&InputColorPush {
-            color: at.color.address,
+            color: at.frame.color.address,
             stats: at.of(self.stats),
             dst: at.view(&self.dst),
             tiles: at.tiles(&self.tiles),
-            color_offset: at.color.offset,
-            color_pixel: at.color.pixel,
-            color_row: at.color.row,
-            color_channel: at.color.channel,
+            color_offset: at.frame.color.offset,
+            color_pixel: at.frame.color.pixel,
+            color_row: at.frame.color.row,
+            color_channel: at.frame.color.channel,
             width: self.width,
             height: self.height,
             dst_width: self.dst.width,
             tiles_x: self.dst.width / TILE,
             tile_count: self.tiles.count(self.dst.width, self.dst.height),
-            flags: color_flags(&at.color) | self.tiles.flag(),
+            flags: color_flags(&at.frame.color) | self.tiles.flag(),
         })
     }
 
@@ -89,28 +89,28 @@ impl Kernel for InputAux {
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {
-        let planes = plane_flags(&at.albedo, flags::ALBEDO, flags::ALBEDO_HALF)
-            | plane_flags(&at.normal, flags::NORMAL, flags::NORMAL_HALF)
-            | depth_flags(&at.depth)
+        let planes = plane_flags(&at.frame.albedo, flags::ALBEDO, flags::ALBEDO_HALF)
+            | plane_flags(&at.frame.normal, flags::NORMAL, flags::NORMAL_HALF)
+            | depth_flags(&at.frame.depth)
             | self.tiles.flag();
         PushBytes::new(&InputAuxPush {
-            albedo: at.albedo.address,
-            normal: at.normal.address,
-            depth: at.depth.address,
+            albedo: at.frame.albedo.address,
+            normal: at.frame.normal.address,
+            depth: at.frame.depth.address,
             stats: at.of(self.stats),
             dst: at.view(&self.dst),
             tiles: at.tiles(&self.tiles),
-            albedo_offset: at.albedo.offset,
-            albedo_pixel: at.albedo.pixel,
-            albedo_row: at.albedo.row,
-            albedo_channel: at.albedo.channel,
-            normal_offset: at.normal.offset,
-            normal_pixel: at.normal.pixel,
-            normal_row: at.normal.row,
-            normal_channel: at.normal.channel,
-            depth_offset: at.depth.offset,
-            depth_pixel: at.depth.pixel,
-            depth_row: at.depth.row,
+            albedo_offset: at.frame.albedo.offset,
+            albedo_pixel: at.frame.albedo.pixel,
+            albedo_row: at.frame.albedo.row,
+            albedo_channel: at.frame.albedo.channel,
+            normal_offset: at.frame.normal.offset,
+            normal_pixel: at.frame.normal.pixel,
+            normal_row: at.frame.normal.row,
+            normal_channel: at.frame.normal.channel,
+            depth_offset: at.frame.depth.offset,
+            depth_pixel: at.frame.depth.pixel,
+            depth_row: at.frame.depth.row,
             width: self.width,
             height: self.height,
             dst_width: self.dst.width,
@@ -160,12 +160,12 @@ impl Kernel for Output {
             residual: at.view(&self.residual),
             log_color: at.view(&self.log_color),
             stats: at.of(self.stats),
-            dst: at.output.address,
+            dst: at.frame.output.address,
             tiles: at.tiles(&self.tiles),
-            dst_offset: at.output.offset,
-            dst_pixel: at.output.pixel,
-            dst_row: at.output.row,
-            dst_channel: at.output.channel,
+            dst_offset: at.frame.output.offset,
+            dst_pixel: at.frame.output.pixel,
+            dst_row: at.frame.output.row,
+            dst_channel: at.frame.output.channel,
             width: self.width,
             height: self.height,
             src_width: self.residual.width,
@@ -173,7 +173,7 @@ impl Kernel for Output {
             tiles_x: self.width.div_ceil(TILE),
             tile_count: self.tiles.count(self.width, self.height),
             flags: self.tiles.flag(),
-            blend: at.blend,
+            blend: at.frame.blend,
         })
     }
 

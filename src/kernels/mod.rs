@@ -91,12 +91,9 @@ pub struct PlaneArgs {
     pub present: bool,
 }
 
-/// What a recording adds to the plan: where everything is, and the frame's own values.
-pub struct Addresses<'a> {
-    /// Device address of a plan's buffer.
-    pub buffer: &'a dyn Fn(BufferId) -> u64,
-    /// Bytes of one activation.
-    pub element_bytes: u64,
+/// The frame of one recording: its planes, and what may change from frame to frame.
+#[derive(Clone, Copy, Debug, Default)]
+pub struct FrameArgs {
     /// The colour plane.
     pub color: PlaneArgs,
     /// The albedo plane.
@@ -111,6 +108,16 @@ pub struct Addresses<'a> {
     pub exposure: Option<f32>,
     /// Share of the noisy colour in the output, in [0, 1].
     pub blend: f32,
+}
+
+/// What a recording adds to the plan: where everything is.
+pub struct Addresses<'a> {
+    /// Device address of a plan's buffer.
+    pub buffer: &'a dyn Fn(BufferId) -> u64,
+    /// Bytes of one activation.
+    pub element_bytes: u64,
+    /// The frame.
+    pub frame: FrameArgs,
 }
 
 impl Addresses<'_> {

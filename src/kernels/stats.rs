@@ -70,19 +70,19 @@ impl Kernel for Histogram {
 
     fn push(&self, at: &Addresses) -> PushBytes {
         PushBytes::new(&StatsHistogramPush {
-            color: at.color.address,
-            depth: at.depth.address,
+            color: at.frame.color.address,
+            depth: at.frame.depth.address,
             histograms: at.of(self.histograms),
-            color_offset: at.color.offset,
-            color_pixel: at.color.pixel,
-            color_row: at.color.row,
-            color_channel: at.color.channel,
-            depth_offset: at.depth.offset,
-            depth_pixel: at.depth.pixel,
-            depth_row: at.depth.row,
+            color_offset: at.frame.color.offset,
+            color_pixel: at.frame.color.pixel,
+            color_row: at.frame.color.row,
+            color_channel: at.frame.color.channel,
+            depth_offset: at.frame.depth.offset,
+            depth_pixel: at.frame.depth.pixel,
+            depth_row: at.frame.depth.row,
             width: self.width,
             height: self.height,
-            flags: color_flags(&at.color) | depth_flags(&at.depth),
+            flags: color_flags(&at.frame.color) | depth_flags(&at.frame.depth),
         })
     }
 
@@ -149,18 +149,18 @@ impl Kernel for TileMeans {
 
     fn push(&self, at: &Addresses) -> PushBytes {
         PushBytes::new(&StatsTilesPush {
-            color: at.color.address,
+            color: at.frame.color.address,
             stats: at.of(self.stats),
             dst: at.of(self.dst),
-            color_offset: at.color.offset,
-            color_pixel: at.color.pixel,
-            color_row: at.color.row,
-            color_channel: at.color.channel,
+            color_offset: at.frame.color.offset,
+            color_pixel: at.frame.color.pixel,
+            color_row: at.frame.color.row,
+            color_channel: at.frame.color.channel,
             width: self.width,
             height: self.height,
             tiles_x: self.width.div_ceil(TILE),
             tile_count: self.tiles(),
-            flags: color_flags(&at.color),
+            flags: color_flags(&at.frame.color),
             unused: 0,
         })
     }
@@ -195,7 +195,7 @@ impl Kernel for Key {
             src: at.of(self.src),
             stats: at.of(self.stats),
             tile_count: self.tiles,
-            fixed_exposure: at.exposure.unwrap_or(0.0),
+            fixed_exposure: at.frame.exposure.unwrap_or(0.0),
         })
     }
 
