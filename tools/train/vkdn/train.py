@@ -17,7 +17,7 @@ import torch
 import torch.nn.functional as F
 from tqdm import tqdm
 
-from . import checkpoint
+from . import checkpoint, weights
 from .arch import ARCHITECTURES
 from .blocks import FilmCnn
 from .data import TrainingSet, load_views
@@ -83,6 +83,13 @@ def validate(model, views):
     return {spp: tuple(sum(c) / len(c) for c in zip(*pairs)) for spp, pairs in sums.items()}
 
 
+def starting_weights(path):
+    """The state of a checkpoint's averaged weights, or of a weights file."""
+    if Path(path).suffix == ".safetensors":
+        return weights.read(path)[0].state_dict()
+    return checkpoint.load(path)["average"]
+
+
 def set_threads(count):
     """The threads of each operation; PyTorch keeps this number per calling thread."""
     if count:
@@ -99,7 +106,7 @@ class Trainer:
         if args.blur_start:
             start_as_blur(self.model)
         if args.source:
-            self.model.load_state_dict(checkpoint.load(args.source)["average"])
+            self.model.load_state_dict(starting_weights(args.source))
         self.average = Denoiser(ARCHITECTURES[args.arch]).to(self.device).eval()
         self.average.load_state_dict(self.model.state_dict())
         self.parameters = list(self.model.parameters())
@@ -270,7 +277,7 @@ def parse(argv=None):
     p.add_argument("--log-every", type=int, default=50, help="steps")
     p.add_argument("--check-minutes", type=float, default=5.0, help="between validations and checkpoints")
     p.add_argument("--resume", action="store_true", help="go on from last.pt")
-    p.add_argument("--from", dest="source", help="checkpoint whose averaged weights a new run starts from")
+    p.add_argument("--from", dest="source", help="checkpoint (its averaged weights) or weights file that a new run starts from")
     return p.parse_args(argv)
 
 
