@@ -70,7 +70,7 @@ fn buffers(extent: Extent) -> Vec<Buffer> {
 
 /// No kernel of this file reads weights.
 fn any_weights() -> Weights {
-    small_net(4, Block::FilmCnn { conv: Convolution::Standard })
+    small_net(8, Block::FilmCnn { conv: Convolution::Standard })
 }
 
 /// One frame on the device and in the reference.

@@ -19,7 +19,7 @@ pub struct ArchError(String);
 pub struct Arch {
     /// What the network is called: 1 to 64 letters, digits, `_`, `-` or `.`.
     pub name: String,
-    /// Channels at stage 0; stage i has `channels * 2^i`. A multiple of 4, at most 256.
+    /// Channels at stage 0; stage i has `channels * 2^i`. A multiple of 8, at most 256.
     pub channels: u32,
     /// The side of an attention window in tokens: [`WINDOW`].
     pub window: u32,
@@ -138,8 +138,9 @@ impl Arch {
         check(self.window == WINDOW, || format!("window is {}, only {WINDOW} is supported", self.window))?;
         check((1..=2).contains(&self.patch), || format!("patch is {}, not 1 or 2", self.patch))?;
         check((1..=6).contains(&self.stages.len()), || format!("{} stages, not 1 to 6", self.stages.len()))?;
-        check((4..=256).contains(&self.channels) && self.channels.is_multiple_of(4), || {
-            format!("channels is {}, not a multiple of 4 from 4 to 256", self.channels)
+        // Down halves the channels, and kernels take four at a time.
+        check((8..=256).contains(&self.channels) && self.channels.is_multiple_of(8), || {
+            format!("channels is {}, not a multiple of 8 from 8 to 256", self.channels)
         })?;
         for (i, stage) in (0u32..).zip(&self.stages) {
             let place = format!("stage {i}");
@@ -152,6 +153,9 @@ impl Arch {
         check_block(self.bottleneck.block, self.width(self.stages.len() as u32), self.bottleneck.heads, place)
     }
 }
+
+/// What the kernel of the FiLM vectors holds in shared memory.
+const MAX_FILM_CHANNELS: u32 = 512;
 
 fn check(holds: bool, why: impl FnOnce() -> String) -> Result<(), ArchError> {
     if holds { Ok(()) } else { Err(ArchError(why())) }
@@ -178,7 +182,9 @@ fn check_block(block: Block, channels: u32, heads: u32, place: &str) -> Result<(
                 format!("{place}: ratio {ratio} of {channels} channels is {part}, not a multiple of 8")
             })
         }
-        Block::FilmCnn { .. } => Ok(()),
+        Block::FilmCnn { .. } => check(channels <= MAX_FILM_CHANNELS, || {
+            format!("{place}: FiLM blocks take at most {MAX_FILM_CHANNELS} channels, not {channels}")
+        }),
     }
 }
 
@@ -210,7 +216,7 @@ mod tests {
     #[test]
     fn nonsense_is_refused_with_its_reason() {
         type Spoil = fn(&mut Arch);
-        let cases: [(&str, Spoil); 15] = [
+        let cases: [(&str, Spoil); 17] = [
             ("name", |a| a.name = String::new()),
             ("name", |a| a.name = "\u{1b}[2J".into()),
             ("window", |a| a.window = 16),
@@ -219,6 +225,11 @@ mod tests {
             ("stages", |a| a.stages = vec![a.stages[0].clone(); 7]),
             ("channels", |a| a.channels = 0),
             ("channels", |a| a.channels = 30),
+            ("channels", |a| a.channels = 4),
+            ("FiLM", |a| {
+                a.channels = 256;
+                a.stages[2].block = Block::FilmCnn { conv: Convolution::Standard };
+            }),
             ("channels", |a| a.channels = u32::MAX - 3),
             ("stage 0", |a| a.stages[0].encoder_blocks = 0),
             ("stage 1", |a| a.stages[1].decoder_blocks = 65),

@@ -155,7 +155,7 @@ mod tests {
         let mut deepest = Arch::shsa_100();
         deepest.stages.resize(6, deepest.stages[0].clone());
         let mut least = Arch::three_stage();
-        least.channels = 4;
+        least.channels = 8;
         least.stages.truncate(1);
         least.bottleneck.heads = 1;
         Arch::NAMES.iter().filter_map(|n| Arch::named(n)).chain([separable, deepest, least]).collect()
