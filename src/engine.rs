@@ -3,6 +3,7 @@
 use crate::error::Result;
 use crate::frame::Extent;
 use crate::kernels::Variants;
+use crate::kernels::contract::Need;
 use crate::net::graph::Graph;
 use crate::net::weights::{ExposureRule, Weights, WeightsError};
 use crate::plan::{Place, Plan, PlanOptions, plan};
@@ -14,9 +15,6 @@ use gpu_allocator::MemoryLocation;
 
 /// Largest block of an arena, whatever the device allows: beyond it some drivers' allocations grow unreliable.
 const MAX_BLOCK_BYTES: u64 = 4 << 30;
-
-/// Smallest subgroup in which they work: eight lanes share weights.
-const SHARING_LANES: u32 = 8;
 
 pub(crate) struct Engine {
     pub device: Device,
@@ -57,13 +55,7 @@ impl Engine {
 
 /// On CPU drivers a load costs more than the arithmetic it feeds (measured on lavapipe).
 pub(crate) fn prefers_cpu_kernels(device: &Device) -> bool {
-    device.caps().kind == DeviceKind::Cpu && can_run_cpu_kernels(device)
-}
-
-/// Whether the kernels shaped for CPU drivers run on the device at all.
-pub(crate) fn can_run_cpu_kernels(device: &Device) -> bool {
-    let caps = device.caps();
-    caps.subgroup_ballot && caps.subgroup_size >= SHARING_LANES && caps.int64
+    device.caps().kind == DeviceKind::Cpu && device.caps().meets(Need::CpuDriver)
 }
 
 /// Packs the weights into device memory that the host can write, so that a renderer's queue is not needed.

@@ -95,7 +95,8 @@ impl Pass {
     /// Resolves a frame in the renderer's buffers. Not for the frame's hot path: it may compile kernels.
     ///
     /// # Errors
-    /// [`Error::PlaneMismatch`], [`Error::Binding`], [`Error::Vulkan`].
+    /// [`Error::PlaneMismatch`]; [`Error::Unsupported`] where the output's samples are halves and the device cannot write
+    /// them; [`Error::Vulkan`].
     ///
     /// # Safety
     /// The buffers are valid, as their fields say, and belong to the device.
@@ -105,8 +106,7 @@ impl Pass {
         let resolve = |plane: Option<&crate::renderer::BufferPlane>, name, channels| unsafe {
             plane.map_or(Ok(PlaneArgs::default()), |plane| plane.resolve(device, name, extent, channels))
         };
-        // SAFETY: the caller vouches for the buffers.
-        let output = unsafe { frame.output.resolve_output(device, extent)? };
+        let output = resolve(Some(&frame.output), "output", 3)?;
         let mut binding = Binding {
             sets: None,
             pipelines: Vec::new(),

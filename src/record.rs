@@ -1,6 +1,6 @@
 //! The executor: dispatches into a command buffer.
 
-use crate::error::Result;
+use crate::error::{Error, Result};
 use crate::kernels::contract::Contract;
 use crate::kernels::{Addresses, Variants};
 use crate::plan::Dispatch;
@@ -23,7 +23,14 @@ impl Pipelines {
     }
 
     /// The pipeline of a kernel variant.
+    ///
+    /// # Errors
+    /// [`Error::Unsupported`] where the device lacks what the variant needs; [`Error::Vulkan`].
     pub fn get(&self, contract: &'static Contract) -> Result<Arc<Pipeline>> {
+        if let Some(need) = contract.needs.iter().find(|need| !self.device.caps().meets(**need)) {
+            let device = self.device.info().name.clone();
+            return Err(Error::Unsupported { device, missing: format!("{need} (kernel {})", contract.name) });
+        }
         let mut made = self.made.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(pipeline) = made.get(contract.name) {
             return Ok(Arc::clone(pipeline));

@@ -127,20 +127,6 @@ impl BufferPlane {
             present: true,
         })
     }
-
-    /// The output's form of [`BufferPlane::resolve`]: halves are written one by one, at their own address.
-    ///
-    /// # Safety
-    /// As [`BufferPlane::resolve`].
-    pub(crate) unsafe fn resolve_output(&self, device: &Device, extent: Extent) -> Result<PlaneArgs> {
-        if self.format == SampleFormat::F16 && !device.caps().storage16 {
-            return Err(Error::Binding(
-                "the output's samples are halves, and the device has no storageBuffer16BitAccess: write floats".into(),
-            ));
-        }
-        // SAFETY: the caller vouches for the buffer.
-        unsafe { self.resolve(device, "output", extent, 3) }
-    }
 }
 
 impl ImageFrame {

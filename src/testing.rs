@@ -4,6 +4,7 @@ use crate::denoiser::Denoiser;
 use crate::engine;
 use crate::error::{Error, Result};
 use crate::frame::{Frame, Layout, PlaneMut};
+use crate::kernels::contract::Need;
 use crate::kernels::{Addresses, BufferId, Call, FrameArgs, PlaneArgs, Variants};
 use crate::net::graph::Stage;
 use crate::plan::{Dispatch, ELEMENT_BYTES, Plan};
@@ -55,7 +56,7 @@ impl Bench {
 
     /// Whether the variants for CPU drivers run on the device.
     pub fn can_run_cpu_kernels(device: &Device) -> bool {
-        engine::can_run_cpu_kernels(device)
+        device.caps().meets(Need::CpuDriver)
     }
 
     /// A buffer of `bytes` (a multiple of 4), filled with [`SENTINEL`], between guards.

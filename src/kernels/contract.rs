@@ -84,6 +84,15 @@ pub enum Need {
     Storage16,
 }
 
+impl std::fmt::Display for Need {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        f.write_str(match self {
+            Self::CpuDriver => "subgroupBroadcast over 8 lanes and shaderInt64",
+            Self::Storage16 => "storageBuffer16BitAccess",
+        })
+    }
+}
+
 impl Contract {
     /// Size of the push-constant block in bytes.
     pub const fn push_size(&self) -> u32 {

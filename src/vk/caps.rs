@@ -1,5 +1,6 @@
 //! What a device can do, and what the denoiser needs of it.
 
+use crate::kernels::contract::Need;
 use ash::vk;
 use std::fmt;
 
@@ -70,6 +71,19 @@ pub struct Caps {
     pub storage16: bool,
     /// Nanoseconds per timestamp tick; 0 where the queue has no timestamps.
     pub timestamp_period: f32,
+}
+
+/// Smallest subgroup of [`Need::CpuDriver`]: eight lanes share weights.
+const SHARING_LANES: u32 = 8;
+
+impl Caps {
+    /// Whether the device has what a kernel variant needs beyond the portable set.
+    pub fn meets(&self, need: Need) -> bool {
+        match need {
+            Need::CpuDriver => self.subgroup_ballot && self.subgroup_size >= SHARING_LANES && self.int64,
+            Need::Storage16 => self.storage16,
+        }
+    }
 }
 
 /// What a renderer must enable on its device before it hands it over with [`crate::Device::from_renderer`].
