@@ -71,6 +71,8 @@ class Augmentation:
     """Chances and sizes of what is changed at random; jitters are standard deviations in stops (log2)."""
 
     drop_one: float = 0.1
+    blend: float = 0.5
+    shift: int = 16
     drop_all: float = 0.1
     fireflies: float = 0.25
     exposure_jitter: float = 0.5
@@ -82,6 +84,29 @@ class Augmentation:
         if rng.random() < self.drop_all:
             return {"color": planes["color"]}
         return {n: p for n, p in planes.items() if n == "color" or rng.random() >= self.drop_one}
+
+    def pick(self, noisy, rng):
+        """One of a view's noisy renders {spp: planes}, or a blend of two of them with a random weight up to that of their
+        sample counts: noise of levels and of patterns that were not rendered."""
+        counts = list(noisy)
+        first = counts[rng.integers(len(counts))]
+        planes = {n: p.astype(np.float32) for n, p in noisy[first].items()}
+        if rng.random() >= self.blend or len(counts) == 1:
+            return planes
+        second = counts[rng.integers(len(counts))]
+        weight = np.float32(rng.random() * second / (first + second))
+        return {n: p + weight * (noisy[second][n].astype(np.float32) - p) for n, p in planes.items()}
+
+    def moved(self, planes, rng):
+        """All planes moved by up to `shift` pixels each way, what comes in at the border mirrored: windows and patches fall
+        elsewhere."""
+        y, x = rng.integers(-self.shift, self.shift + 1, 2)
+
+        def index(size, by):
+            i = np.abs(np.arange(size) + by)
+            return np.where(i < size, i, 2 * (size - 1) - i)
+
+        return [p[index(p.shape[0], y)][:, index(p.shape[1], x)] for p in planes]
 
     def inject_fireflies(self, color, key, rng):
         """A few pixels gain a tinted radiance of 10 to 10^4 keys."""
@@ -124,10 +149,9 @@ class TrainingSet(torch.utils.data.IterableDataset):
 
     def sample(self, rng):
         view = self.views[rng.integers(len(self.views))]
-        spp = list(view.noisy)[rng.integers(len(view.noisy))]
-        planes = {n: p.astype(np.float32) for n, p in view.noisy[spp].items()}
-        reference = view.reference.astype(np.float32)
         augmentation = self.augmentation
+        planes = augmentation.pick(view.noisy, rng)
+        reference = view.reference.astype(np.float32)
         stats, jitter = augmentation.frame_statistics(view, planes, rng)
         if rng.random() < augmentation.fireflies:
             planes["color"] = augmentation.inject_fireflies(planes["color"], stats.key, rng)
@@ -138,7 +162,7 @@ class TrainingSet(torch.utils.data.IterableDataset):
             planes[name] = planes[name][..., tint]
         planes = augmentation.drop(planes, rng)
         names = list(planes)
-        *turned, reference = turn([*planes.values(), reference[..., tint]], rng)
+        *turned, reference = turn(augmentation.moved([*planes.values(), reference[..., tint]], rng), rng)
         exposure = stats.exposure * 2 ** rng.normal(0, jitter)
         return prepare(dict(zip(names, turned)), stats, reference, exposure)
 

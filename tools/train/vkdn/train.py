@@ -30,10 +30,17 @@ EPSILON = 0.01
 
 
 def relative_l2(prediction, target, delta):
-    """Mean of (y - yhat)^2 / (mean_rgb(y)^2 + 0.01), in the log domain, [N, 3, H, W]. Relative errors beyond `delta` count
-    linearly: at 1 spp a few dark pixels beside fireflies would otherwise be most of the gradient."""
+    """Mean of (y - yhat)^2 / (mean_rgb(y)^2 + 0.01) of each sample, in the log domain, [N, 3, H, W] -> [N]. Relative errors
+    beyond `delta` count linearly: at 1 spp a few dark pixels beside fireflies would otherwise be most of the gradient."""
     scale = torch.rsqrt(target.mean(1, keepdim=True) ** 2 + EPSILON)
-    return 2 * F.huber_loss(prediction * scale, target * scale, delta=delta)
+    return 2 * F.huber_loss(prediction * scale, target * scale, delta=delta, reduction="none").mean((1, 2, 3))
+
+
+def balanced(errors, knee):
+    """Mean of knee * log(1 + error / knee) over the samples. Without it the crops of one sample per pixel, whose errors are
+    ten times those of 32, take nearly all of the gradient; a PSNR is a logarithm as well. A knee of infinity: the plain mean.
+    """
+    return (errors if math.isinf(knee) else knee * torch.log1p(errors / knee)).mean()
 
 
 def learning_rate(step, progress, peak, warm_up, floor=1e-6):
@@ -61,13 +68,20 @@ class Budget:
         return self.seconds() / max(self.seconds() + self.end - time.time(), 1e-9)
 
 
-def optimizer_of(model, beta2=0.999):
-    """AdamW that decays matrices and kernels only."""
-    decay, keep = [], []
+def optimizers_of(model, beta2=0.999, muon=False):
+    """AdamW that decays matrices and kernels only. With `muon` the matrices go to Muon (Jordan et al. 2024), its steps
+    scaled to the size of AdamW's, so that one learning rate serves both."""
+    decay, keep, matrices = [], [], []
     for name, p in model.named_parameters():
-        (decay if name.endswith(".weight") and p.dim() > 1 else keep).append(p)
+        if muon and name.endswith(".weight") and p.dim() == 2:
+            matrices.append(p)
+        else:
+            (decay if name.endswith(".weight") and p.dim() > 1 else keep).append(p)
     groups = [{"params": decay, "weight_decay": 0.02}, {"params": keep, "weight_decay": 0.0}]
-    return torch.optim.AdamW(groups, betas=(0.9, beta2), eps=1e-8, fused=True)
+    adam = torch.optim.AdamW(groups, betas=(0.9, beta2), eps=1e-8, fused=True)
+    if not matrices:
+        return [adam]
+    return [adam, torch.optim.Muon(matrices, weight_decay=0.02, adjust_lr_fn="match_rms_adamw")]
 
 
 def validate(model, views):
@@ -110,7 +124,7 @@ class Trainer:
         self.average = Denoiser(ARCHITECTURES[args.arch]).to(self.device).eval()
         self.average.load_state_dict(self.model.state_dict())
         self.parameters = list(self.model.parameters())
-        self.optimizer = optimizer_of(self.model, args.beta2)
+        self.optimizers = optimizers_of(self.model, args.beta2, args.muon)
         self.pool = ThreadPoolExecutor(args.parallel, initializer=set_threads, initargs=(args.threads,))
         self.step, self.best, before = 0, -math.inf, 0.0
         if args.resume and (self.out / "last.pt").exists():
@@ -125,7 +139,8 @@ class Trainer:
     def restore(self, state):
         self.model.load_state_dict(state["model"])
         self.average.load_state_dict(state["average"])
-        self.optimizer.load_state_dict(state["optimizer"])
+        for optimizer, its_state in zip(self.optimizers, state["optimizers"], strict=True):
+            optimizer.load_state_dict(its_state)
         self.step, self.best = state["step"], state["best"]
         return state["seconds"]
 
@@ -134,7 +149,7 @@ class Trainer:
             "architecture": self.model.arch.to_dict(),
             "model": self.model.state_dict(),
             "average": self.average.state_dict(),
-            "optimizer": self.optimizer.state_dict(),
+            "optimizers": [o.state_dict() for o in self.optimizers],
             "step": self.step,
             "best": self.best,
             "seconds": self.budget.seconds(),
@@ -153,6 +168,8 @@ class Trainer:
             "lr": args.lr,
             "beta2": args.beta2,
             "delta": args.delta,
+            "knee": args.knee,
+            "muon": args.muon,
             "blur_start": args.blur_start,
             "bf16": args.bf16,
             "average_decay": args.average_decay,
@@ -179,8 +196,10 @@ class Trainer:
         color, aux, target = (t.to(self.device, non_blocking=True) for t in share)
         with torch.autocast(self.device.type, torch.bfloat16, enabled=self.args.bf16):
             residual = self.model(color, aux)
-        loss = relative_l2(color + residual.float(), target, self.args.delta) * (len(color) / self.args.batch)
-        return loss.item(), torch.autograd.grad(loss, self.parameters)
+        errors = relative_l2(color + residual.float(), target, self.args.delta)
+        weight = len(color) / self.args.batch
+        gradients = torch.autograd.grad(balanced(errors, self.args.knee) * weight, self.parameters)
+        return errors.detach().mean().item() * weight, gradients
 
     def gradients(self, batch):
         """Each thread takes a share when it is free. On a CPU that others use too, this loses far less than parallel loops
@@ -193,14 +212,15 @@ class Trainer:
 
     def train_step(self, batch):
         rate = learning_rate(self.step, self.budget.progress(self.step), self.args.lr, self.args.warm_up)
-        for group in self.optimizer.param_groups:
+        for group in (g for o in self.optimizers for g in o.param_groups):
             group["lr"] = rate
         loss, gradients = self.gradients(batch)
         for p, gradient in zip(self.parameters, gradients):
             # The fused optimizer reads raw memory; a convolution's gradient may come with channels_last strides.
             p.grad = gradient.contiguous()
         torch.nn.utils.clip_grad_norm_(self.model.parameters(), self.args.clip)
-        self.optimizer.step()
+        for optimizer in self.optimizers:
+            optimizer.step()
         self.step += 1
         self.average_weights()
         return loss, rate
@@ -263,6 +283,8 @@ def parse(argv=None):
     p.add_argument("--beta2", type=float, default=0.999, help="of AdamW; less suits short runs")
     p.add_argument("--warm-up", type=int, default=200, help="steps")
     p.add_argument("--delta", type=float, default=0.5, help="relative error from which the loss is linear")
+    p.add_argument("--knee", type=float, default=math.inf, help="error of a sample from which it counts by its logarithm")
+    p.add_argument("--muon", action="store_true", help="train the matrices with Muon")
     p.add_argument("--blur-start", action="store_true", help="start as a blur (see start.py)")
     p.add_argument("--clip", type=float, default=1.0, help="largest gradient norm")
     p.add_argument("--average-decay", type=float, default=0.998, help="of the moving average of the weights")
