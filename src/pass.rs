@@ -7,9 +7,11 @@ use crate::frame::Extent;
 use crate::kernels::{Addresses, BufferId, FrameArgs, PlaneArgs, Variants, contracts};
 use crate::net::weights::ExposureRule;
 use crate::plan::{ELEMENT_BYTES, Place, Plan};
+use crate::profile::Profiler;
 use crate::record::Recording;
 use crate::renderer::{BufferFrame, ImageFormat, ImageFrame, ImagePlane};
 use crate::vk::Checked;
+use crate::vk::device::Device;
 use crate::vk::memory::Buffer;
 use crate::vk::pipeline::{Pipeline, descriptor_type};
 use ash::vk;
@@ -85,6 +87,10 @@ impl Pass {
         };
         let blocks = plan.blocks.iter().enumerate().map(block).collect::<Result<_>>()?;
         Ok(Self { engine: Arc::clone(engine), plan, blocks })
+    }
+
+    pub(crate) fn device(&self) -> &Device {
+        &self.engine.device
     }
 
     /// The plan, for reports.
@@ -177,6 +183,40 @@ impl Pass {
     /// pass. The pass, the binding and what it names live until the commands have run. The pass's recordings run on one
     /// queue.
     pub unsafe fn record(&self, commands: vk::CommandBuffer, binding: &Binding, options: &FrameOptions) -> Result<()> {
+        // SAFETY: the caller's promises are the same.
+        unsafe { self.record_with(commands, binding, options, None) }
+    }
+
+    /// The same as [`Pass::record`], with a timestamp before and after every dispatch in `slot` of `profiler`.
+    ///
+    /// # Errors
+    /// As [`Pass::record`]; [`Error::Binding`] where the profiler was made for another pass; [`Error::InvalidOption`] where
+    /// it has no such slot.
+    ///
+    /// # Safety
+    /// As [`Pass::record`]; the profiler lives until the commands have run, and no other recording of the slot is in
+    /// flight then.
+    pub unsafe fn record_profiled(
+        &self,
+        commands: vk::CommandBuffer,
+        binding: &Binding,
+        options: &FrameOptions,
+        profiler: &Profiler,
+        slot: u32,
+    ) -> Result<()> {
+        // SAFETY: the caller's promises are the same.
+        unsafe { self.record_with(commands, binding, options, Some((profiler, slot))) }
+    }
+
+    /// # Safety
+    /// As [`Pass::record_profiled`].
+    pub(crate) unsafe fn record_with(
+        &self,
+        commands: vk::CommandBuffer,
+        binding: &Binding,
+        options: &FrameOptions,
+        profiled: Option<(&Profiler, u32)>,
+    ) -> Result<()> {
         options.check()?;
         if binding.extent != self.plan.extent || binding.pipelines.len() != self.plan.dispatches.len() {
             let (has, wants) = (binding.extent, self.plan.extent);
@@ -185,6 +225,11 @@ impl Pass {
                 has.width, has.height, wants.width, wants.height
             )));
         }
+        let dispatches = &self.plan.dispatches;
+        let timestamps = match profiled {
+            Some((profiler, slot)) => Some(profiler.begin(slot, dispatches, binding.variants)?),
+            None => None,
+        };
         let no_sets = HashMap::new();
         let recording = Recording {
             device: &self.engine.device,
@@ -204,9 +249,10 @@ impl Pass {
             },
             pipelines: &binding.pipelines,
             sets: binding.sets.as_ref().map_or(&no_sets, |sets| &sets.sets),
+            timestamps,
         };
         // SAFETY: the caller vouches for `commands` and for what the binding names; the arena is this pass's own.
-        unsafe { recording.record(commands, &self.plan.dispatches) };
+        unsafe { recording.record(commands, dispatches) };
         Ok(())
     }
 

@@ -130,6 +130,7 @@ impl Bench {
             },
             pipelines: &pipelines,
             sets: &HashMap::new(),
+            timestamps: None,
         };
         submission.record(|commands| {
             // SAFETY: the command buffer is ours; the buffers live in `self`, and `run` waits.

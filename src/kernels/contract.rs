@@ -94,6 +94,22 @@ impl std::fmt::Display for Need {
 }
 
 impl Contract {
+    /// The number that the variant defines as `name`; 0 where it defines none.
+    pub fn define(&self, name: &str) -> u64 {
+        let value = self.defines.iter().find(|(key, _)| *key == name).and_then(|(_, value)| value.parse().ok());
+        value.unwrap_or(0)
+    }
+
+    /// Whether the variant defines `name`.
+    pub fn has(&self, name: &str) -> bool {
+        self.defines.iter().any(|(key, _)| *key == name)
+    }
+
+    /// The kernel that it is a variant of: the name of its shader.
+    pub fn kernel(&self) -> &'static str {
+        self.source.trim_end_matches(".comp")
+    }
+
     /// Size of the push-constant block in bytes.
     pub const fn push_size(&self) -> u32 {
         let mut size = 0;
