@@ -8,7 +8,7 @@ use crate::net::graph::Graph;
 use crate::net::weights::{ExposureRule, Weights, WeightsError};
 use crate::plan::{Place, Plan, PlanOptions, plan};
 use crate::record::Pipelines;
-use crate::vk::caps::DeviceKind;
+use crate::vk::caps::{DeviceKind, TEXEL_BYTES};
 use crate::vk::device::Device;
 use crate::vk::memory::Buffer;
 use gpu_allocator::MemoryLocation;
@@ -43,7 +43,10 @@ impl Engine {
 
     /// The plan of a frame size on this device.
     pub fn plan(&self, extent: Extent) -> Result<Plan> {
-        let max_block_bytes = self.device.caps().max_buffer_bytes.min(MAX_BLOCK_BYTES);
+        let caps = self.device.caps();
+        // A kernel that reads a map as texels must reach all of it.
+        let texels = if self.cpu { u64::from(caps.max_texels) * TEXEL_BYTES } else { u64::MAX };
+        let max_block_bytes = caps.max_buffer_bytes.min(MAX_BLOCK_BYTES).min(texels);
         plan(&self.graph, extent, &PlanOptions { max_block_bytes, keep_all: false })
     }
 

@@ -48,6 +48,7 @@
 //! stay local. All types are `Send` and `Sync`; what records or runs takes `&self` or `&mut self` as its doc says.
 
 pub mod denoiser;
+mod descriptors;
 mod engine;
 pub mod error;
 #[cfg(feature = "exr")]

@@ -1,5 +1,6 @@
 //! The executor: dispatches into a command buffer.
 
+use crate::descriptors::DescriptorSets;
 use crate::error::{Error, Result};
 use crate::kernels::contract::Contract;
 use crate::kernels::{Addresses, Variants};
@@ -54,8 +55,8 @@ pub(crate) struct Recording<'a> {
     pub addresses: Addresses<'a>,
     /// One for each dispatch.
     pub pipelines: &'a [Arc<Pipeline>],
-    /// Descriptor sets of the kernels that read images, by contract name.
-    pub sets: &'a HashMap<&'static str, vk::DescriptorSet>,
+    /// Made for these dispatches.
+    pub sets: &'a DescriptorSets,
     /// Where the time before and after every dispatch goes: two timestamps each, from the number on.
     pub timestamps: Option<(&'a Timestamps, u32)>,
 }
@@ -88,9 +89,10 @@ impl Recording<'_> {
                     device.cmd_bind_pipeline(commands, vk::PipelineBindPoint::COMPUTE, pipeline.raw);
                     bound = pipeline.raw;
                 }
-                if let Some(set) = self.sets.get(kernel.contract(self.variants).name) {
+                let set = self.sets.of(i);
+                if set != vk::DescriptorSet::null() {
                     let point = vk::PipelineBindPoint::COMPUTE;
-                    device.cmd_bind_descriptor_sets(commands, point, pipeline.layout, 0, &[*set], &[]);
+                    device.cmd_bind_descriptor_sets(commands, point, pipeline.layout, 0, &[set], &[]);
                 }
                 let stage = vk::ShaderStageFlags::COMPUTE;
                 device.cmd_push_constants(commands, pipeline.layout, stage, 0, push.as_slice());

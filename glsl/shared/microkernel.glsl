@@ -13,9 +13,10 @@ const int BLOCK = 4 * NV;             // vectors of weights for four input chann
 
 vec4 accumulators[PIXELS * NV];
 
-void clear_accumulators(Weights bias, uint tile_n) {
+// Sets every output to its bias, the first vectors of the weights.
+void clear_accumulators(Weights weights, uint tile_n) {
     [[unroll]] for (int n = 0; n < NV; ++n) {
-        vec4 b = LOAD_WEIGHTS(bias, tile_n * NV + n);
+        vec4 b = LOAD_WEIGHTS(weights, tile_n * NV + n);
         [[unroll]] for (int p = 0; p < PIXELS; ++p) accumulators[p * NV + n] = b;
     }
 }

@@ -31,13 +31,15 @@ pub struct Field {
     pub ty: FieldType,
 }
 
-/// What a descriptor binding of set 0 holds. Buffers are not bound: they come as device addresses.
+/// What a descriptor binding of set 0 holds. Storage buffers are not bound: they come as device addresses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BindingType {
     /// `texture2D`, read with `texelFetch`.
     SampledImage,
     /// `image2D`, written.
     StorageImage,
+    /// `samplerBuffer` of four 32-bit floats a texel, read.
+    TexelBuffer,
 }
 
 /// One descriptor of set 0; its binding number is its position.
@@ -78,7 +80,8 @@ pub struct Contract {
 /// An optional device feature that a variant needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Need {
-    /// `subgroupBroadcast` in compute shaders, at least 8 invocations a subgroup; `shaderInt64`.
+    /// `subgroupBroadcast` in compute shaders, at least 8 invocations a subgroup; `shaderInt64`; texel buffers that may
+    /// begin at every texel.
     CpuDriver,
     /// `storageBuffer16BitAccess`.
     Storage16,
@@ -87,7 +90,7 @@ pub enum Need {
 impl std::fmt::Display for Need {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(match self {
-            Self::CpuDriver => "subgroupBroadcast over 8 lanes and shaderInt64",
+            Self::CpuDriver => "subgroupBroadcast over 8 lanes, shaderInt64 and minTexelBufferOffsetAlignment 16",
             Self::Storage16 => "storageBuffer16BitAccess",
         })
     }

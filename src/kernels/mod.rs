@@ -152,6 +152,27 @@ pub struct Traffic {
     pub writes: Vec<(BufferId, u64)>,
 }
 
+/// Activations of a plan's buffer from `first` on, as a kernel reads them through a texel buffer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TexelRange {
+    /// The buffer.
+    pub buffer: BufferId,
+    /// First element, a multiple of four.
+    pub first: u32,
+}
+
+impl From<&View> for TexelRange {
+    fn from(view: &View) -> Self {
+        Self { buffer: view.buffer, first: view.first }
+    }
+}
+
+impl From<BufferId> for TexelRange {
+    fn from(buffer: BufferId) -> Self {
+        Self { buffer, first: 0 }
+    }
+}
+
 /// How the device prefers its kernels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Variants {
@@ -193,6 +214,10 @@ pub trait Kernel {
     fn groups(&self, variants: Variants) -> [u32; 3];
     /// Push constants.
     fn push(&self, at: &Addresses) -> PushBytes;
+    /// What the texel buffers of its contract hold, in their order, where the variant has any.
+    fn texels(&self) -> Vec<TexelRange> {
+        Vec::new()
+    }
     /// Memory that it touches. `element` is the size of an activation in bytes.
     fn traffic(&self, element: u64) -> Traffic;
 }

@@ -65,6 +65,10 @@ pub struct Caps {
     pub subgroup_size: u32,
     /// `subgroupBroadcast` in compute shaders.
     pub subgroup_ballot: bool,
+    /// Texels that a texel buffer may have.
+    pub max_texels: u32,
+    /// Whether a texel buffer of 16-byte texels may begin at each of them.
+    pub texels_anywhere: bool,
     /// `shaderInt64` (enabled).
     pub int64: bool,
     /// `storageBuffer16BitAccess` (enabled).
@@ -78,6 +82,9 @@ pub struct Caps {
 /// Smallest subgroup of [`Need::CpuDriver`]: eight lanes share weights.
 const SHARING_LANES: u32 = 8;
 
+/// Size of a texel: four 32-bit floats.
+pub(crate) const TEXEL_BYTES: u64 = 16;
+
 impl Caps {
     /// The same on a queue whose timestamps have `bits` bits; 0: it has none.
     pub(crate) fn with_timestamp_bits(self, bits: u32) -> Self {
@@ -88,7 +95,9 @@ impl Caps {
     /// Whether the device has what a kernel variant needs beyond the portable set.
     pub fn meets(&self, need: Need) -> bool {
         match need {
-            Need::CpuDriver => self.subgroup_ballot && self.subgroup_size >= SHARING_LANES && self.int64,
+            Need::CpuDriver => {
+                self.subgroup_ballot && self.subgroup_size >= SHARING_LANES && self.int64 && self.texels_anywhere
+            }
             Need::Storage16 => self.storage16,
         }
     }
@@ -199,6 +208,8 @@ pub(crate) fn inspect(instance: &ash::Instance, physical: vk::PhysicalDevice, in
         subgroup_size: subgroup.subgroup_size,
         subgroup_ballot: subgroup.supported_stages.contains(vk::ShaderStageFlags::COMPUTE)
             && subgroup.supported_operations.contains(vk::SubgroupFeatureFlags::BALLOT),
+        max_texels: limits.max_texel_buffer_elements,
+        texels_anywhere: limits.min_texel_buffer_offset_alignment <= TEXEL_BYTES,
         int64: features10.shader_int64 == vk::TRUE,
         storage16: features11.storage_buffer16_bit_access == vk::TRUE,
         timestamp_period: limits.timestamp_period,
