@@ -72,7 +72,12 @@ impl FrameOptions {
 
 impl Pass {
     pub(crate) fn new(engine: &Arc<Engine>, extent: Extent) -> Result<Self> {
-        let plan = engine.plan(extent)?;
+        Self::of_plan(engine, engine.plan(extent)?)
+    }
+
+    /// The pass of a plan of the engine's own graph and packing.
+    pub(crate) fn of_plan(engine: &Arc<Engine>, plan: Plan) -> Result<Self> {
+        let extent = plan.extent;
         let (bytes, heap) = (plan.bytes(), engine.device.caps().memory_bytes);
         if bytes > heap {
             return Err(Error::FrameTooLarge {
@@ -86,6 +91,10 @@ impl Pass {
         };
         let blocks = plan.blocks.iter().enumerate().map(block).collect::<Result<_>>()?;
         Ok(Self { engine: Arc::clone(engine), plan, blocks })
+    }
+
+    pub(crate) fn blocks(&self) -> &[Buffer] {
+        &self.blocks
     }
 
     pub(crate) fn device(&self) -> &Device {
@@ -156,7 +165,7 @@ impl Pass {
 
     /// # Safety
     /// The images are valid, belong to the device and live as long as the binding.
-    unsafe fn bind(&self, images: Option<&ImageFrame>, variants: Variants, planes: FrameArgs) -> Result<Binding> {
+    pub(crate) unsafe fn bind(&self, images: Option<&ImageFrame>, variants: Variants, planes: FrameArgs) -> Result<Binding> {
         let (engine, dispatches) = (&self.engine, &self.plan.dispatches);
         let pipelines = engine.pipelines.for_dispatches(dispatches, variants)?;
         let texels = |range: &TexelRange| {

@@ -85,6 +85,8 @@ pub enum Need {
     CpuDriver,
     /// `storageBuffer16BitAccess`.
     Storage16,
+    /// `shaderFloat16`.
+    Float16,
 }
 
 impl std::fmt::Display for Need {
@@ -92,6 +94,7 @@ impl std::fmt::Display for Need {
         f.write_str(match self {
             Self::CpuDriver => "subgroupBroadcast over 8 lanes, shaderInt64 and minTexelBufferOffsetAlignment 16",
             Self::Storage16 => "storageBuffer16BitAccess",
+            Self::Float16 => "shaderFloat16",
         })
     }
 }

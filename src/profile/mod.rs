@@ -25,9 +25,13 @@
 //! kernels that the device runs at once, the later one's time is what it adds.
 
 mod record;
+mod roof;
+mod runner;
 mod shape;
 
 pub use record::KernelRecord;
+pub use roof::Roof;
+pub use runner::{PartRunner, TimedRun};
 pub use shape::Shape;
 
 use crate::error::{Error, Result};

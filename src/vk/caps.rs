@@ -73,6 +73,8 @@ pub struct Caps {
     pub int64: bool,
     /// `storageBuffer16BitAccess` (enabled).
     pub storage16: bool,
+    /// `shaderFloat16` (enabled).
+    pub float16: bool,
     /// Nanoseconds per timestamp tick; 0 where the queue has no timestamps.
     pub timestamp_period: f32,
     /// Bits of a timestamp that count.
@@ -99,6 +101,7 @@ impl Caps {
                 self.subgroup_ballot && self.subgroup_size >= SHARING_LANES && self.int64 && self.texels_anywhere
             }
             Need::Storage16 => self.storage16,
+            Need::Float16 => self.float16,
         }
     }
 }
@@ -212,6 +215,7 @@ pub(crate) fn inspect(instance: &ash::Instance, physical: vk::PhysicalDevice, in
         texels_anywhere: limits.min_texel_buffer_offset_alignment <= TEXEL_BYTES,
         int64: features10.shader_int64 == vk::TRUE,
         storage16: features11.storage_buffer16_bit_access == vk::TRUE,
+        float16: features12.shader_float16 == vk::TRUE,
         timestamp_period: limits.timestamp_period,
         // The queue's own, once it is known.
         timestamp_bits: 0,

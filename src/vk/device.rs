@@ -148,7 +148,9 @@ impl Device {
         let priorities = [1.0];
         let queues =
             [vk::DeviceQueueCreateInfo::default().queue_family_index(queue_family).queue_priorities(&priorities)];
-        let mut features12 = vk::PhysicalDeviceVulkan12Features::default().buffer_device_address(true);
+        let mut features12 = vk::PhysicalDeviceVulkan12Features::default()
+            .buffer_device_address(true)
+            .shader_float16(caps.float16);
         let mut features11 = vk::PhysicalDeviceVulkan11Features::default().storage_buffer16_bit_access(caps.storage16);
         let features = vk::PhysicalDeviceFeatures::default().shader_int64(caps.int64);
         let create = vk::DeviceCreateInfo::default()
@@ -211,6 +213,7 @@ impl Device {
         let caps = Caps {
             int64: caps.int64 && shader_int64,
             storage16: caps.storage16 && storage_buffer_16bit,
+            float16: false,
             ..caps.with_timestamp_bits(family.map_or(0, |f| f.timestamp_valid_bits))
         };
         Ok(Self(Arc::new(Inner {
