@@ -8,8 +8,10 @@ use crate::frame::Extent;
 use crate::kernels::{Addresses, BufferId, FrameArgs, PlaneArgs, TexelRange, Variants};
 use crate::net::weights::ExposureRule;
 use crate::plan::{ELEMENT_BYTES, Place, Plan};
+use crate::profile::Profiler;
 use crate::record::Recording;
 use crate::renderer::{BufferFrame, ImageFormat, ImageFrame, ImagePlane};
+use crate::vk::device::Device;
 use crate::vk::memory::Buffer;
 use crate::vk::pipeline::Pipeline;
 use ash::vk;
@@ -70,7 +72,12 @@ impl FrameOptions {
 
 impl Pass {
     pub(crate) fn new(engine: &Arc<Engine>, extent: Extent) -> Result<Self> {
-        let plan = engine.plan(extent)?;
+        Self::of_plan(engine, engine.plan(extent)?)
+    }
+
+    /// The pass of a plan of the engine's own graph and packing.
+    pub(crate) fn of_plan(engine: &Arc<Engine>, plan: Plan) -> Result<Self> {
+        let extent = plan.extent;
         let (bytes, heap) = (plan.bytes(), engine.device.caps().memory_bytes);
         if bytes > heap {
             return Err(Error::FrameTooLarge {
@@ -84,6 +91,14 @@ impl Pass {
         };
         let blocks = plan.blocks.iter().enumerate().map(block).collect::<Result<_>>()?;
         Ok(Self { engine: Arc::clone(engine), plan, blocks })
+    }
+
+    pub(crate) fn blocks(&self) -> &[Buffer] {
+        &self.blocks
+    }
+
+    pub(crate) fn device(&self) -> &Device {
+        &self.engine.device
     }
 
     /// The plan, for reports.
@@ -150,7 +165,7 @@ impl Pass {
 
     /// # Safety
     /// The images are valid, belong to the device and live as long as the binding.
-    unsafe fn bind(&self, images: Option<&ImageFrame>, variants: Variants, planes: FrameArgs) -> Result<Binding> {
+    pub(crate) unsafe fn bind(&self, images: Option<&ImageFrame>, variants: Variants, planes: FrameArgs) -> Result<Binding> {
         let (engine, dispatches) = (&self.engine, &self.plan.dispatches);
         let pipelines = engine.pipelines.for_dispatches(dispatches, variants)?;
         let texels = |range: &TexelRange| {
@@ -182,6 +197,40 @@ impl Pass {
     /// pass. The pass, the binding and what it names live until the commands have run. The pass's recordings run on one
     /// queue.
     pub unsafe fn record(&self, commands: vk::CommandBuffer, binding: &Binding, options: &FrameOptions) -> Result<()> {
+        // SAFETY: the caller's promises are the same.
+        unsafe { self.record_with(commands, binding, options, None) }
+    }
+
+    /// The same as [`Pass::record`], with a timestamp before and after every dispatch in `slot` of `profiler`.
+    ///
+    /// # Errors
+    /// As [`Pass::record`]; [`Error::Binding`] where the profiler was made for another pass; [`Error::InvalidOption`] where
+    /// it has no such slot.
+    ///
+    /// # Safety
+    /// As [`Pass::record`]; the profiler lives until the commands have run, and no other recording of the slot is in
+    /// flight then.
+    pub unsafe fn record_profiled(
+        &self,
+        commands: vk::CommandBuffer,
+        binding: &Binding,
+        options: &FrameOptions,
+        profiler: &Profiler,
+        slot: u32,
+    ) -> Result<()> {
+        // SAFETY: the caller's promises are the same.
+        unsafe { self.record_with(commands, binding, options, Some((profiler, slot))) }
+    }
+
+    /// # Safety
+    /// As [`Pass::record_profiled`].
+    pub(crate) unsafe fn record_with(
+        &self,
+        commands: vk::CommandBuffer,
+        binding: &Binding,
+        options: &FrameOptions,
+        profiled: Option<(&Profiler, u32)>,
+    ) -> Result<()> {
         options.check()?;
         if binding.extent != self.plan.extent || binding.pipelines.len() != self.plan.dispatches.len() {
             let (has, wants) = (binding.extent, self.plan.extent);
@@ -190,6 +239,11 @@ impl Pass {
                 has.width, has.height, wants.width, wants.height
             )));
         }
+        let dispatches = &self.plan.dispatches;
+        let timestamps = match profiled {
+            Some((profiler, slot)) => Some(profiler.begin(slot, dispatches, binding.variants)?),
+            None => None,
+        };
         let recording = Recording {
             device: &self.engine.device,
             variants: binding.variants,
@@ -208,9 +262,10 @@ impl Pass {
             },
             pipelines: &binding.pipelines,
             sets: &binding.sets,
+            timestamps,
         };
         // SAFETY: the caller vouches for `commands` and for what the binding names; the arena is this pass's own.
-        unsafe { recording.record(commands, &self.plan.dispatches) };
+        unsafe { recording.record(commands, dispatches) };
         Ok(())
     }
 

@@ -139,6 +139,7 @@ impl Bench {
             },
             pipelines: &pipelines,
             sets: &sets,
+            timestamps: None,
         };
         submission.record(|commands| {
             // SAFETY: the command buffer is ours; the buffers live in `self`, and `run` waits.

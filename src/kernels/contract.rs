@@ -85,6 +85,8 @@ pub enum Need {
     CpuDriver,
     /// `storageBuffer16BitAccess`.
     Storage16,
+    /// `shaderFloat16`.
+    Float16,
 }
 
 impl std::fmt::Display for Need {
@@ -92,11 +94,28 @@ impl std::fmt::Display for Need {
         f.write_str(match self {
             Self::CpuDriver => "subgroupShuffle over 8 lanes, shaderInt64 and minTexelBufferOffsetAlignment 16",
             Self::Storage16 => "storageBuffer16BitAccess",
+            Self::Float16 => "shaderFloat16",
         })
     }
 }
 
 impl Contract {
+    /// The number that the variant defines as `name`; 0 where it defines none.
+    pub fn define(&self, name: &str) -> u64 {
+        let value = self.defines.iter().find(|(key, _)| *key == name).and_then(|(_, value)| value.parse().ok());
+        value.unwrap_or(0)
+    }
+
+    /// Whether the variant defines `name`.
+    pub fn has(&self, name: &str) -> bool {
+        self.defines.iter().any(|(key, _)| *key == name)
+    }
+
+    /// The kernel that it is a variant of: the name of its shader.
+    pub fn kernel(&self) -> &'static str {
+        self.source.trim_end_matches(".comp")
+    }
+
     /// Size of the push-constant block in bytes.
     pub const fn push_size(&self) -> u32 {
         let mut size = 0;

@@ -135,6 +135,16 @@ push_constants! {
     }
 }
 
+push_constants! {
+    /// Multiply-adds for their own sake.
+    RoofFmaPush { dst: Address, rounds: U32, factor: F32 }
+}
+
+push_constants! {
+    /// A copy for its own sake.
+    RoofCopyPush { src: Address, dst: Address }
+}
+
 /// Variants that differ only in what a shader is compiled for.
 const BASE: Contract =
     Contract { name: "", source: "", defines: &[], push: &[], bindings: &[], constants: &[], needs: &[] };
@@ -263,4 +273,12 @@ contracts! {
     /// Output to an rgba16f image.
     OUTPUT_IMAGE_F16 = "output_image_f16" "output.comp" OutputPush
         { "IMAGES": "1", "TARGET_FORMAT": "rgba16f", "TARGET_MAX": "65504.0" } OUTPUT_IMAGES, &[];
+    /// Multiply-adds of 32-bit floats.
+    ROOF_FMA_F32 = "roof_fma_f32" "roof_fma.comp" RoofFmaPush {} &[], &[];
+    /// Multiply-adds of pairs of halves.
+    ROOF_FMA_F16 = "roof_fma_f16" "roof_fma.comp" RoofFmaPush { "HALF": "1" } &[], &[Need::Float16];
+    /// A copy of 32-bit floats.
+    ROOF_COPY_F32 = "roof_copy_f32" "roof_copy.comp" RoofCopyPush {} &[], &[];
+    /// A copy of halves.
+    ROOF_COPY_F16 = "roof_copy_f16" "roof_copy.comp" RoofCopyPush { "STORAGE_F16": "1" } &[], &[Need::Storage16, Need::Float16];
 }

@@ -4,6 +4,7 @@
 //! A kernel is four things of one name: `glsl/x.comp`, its contract in [`contracts`], its arguments here, and its f64
 //! twin in [`crate::reference`].
 
+mod accesses;
 pub mod contract;
 pub mod contracts;
 pub mod dense;
@@ -17,6 +18,7 @@ pub mod window_attention;
 use contract::Contract;
 
 pub use crate::net::graph::{Activation, Shuffle};
+pub use accesses::Accesses;
 
 /// Side of a tile in tokens: the attention window, and the grain of every list of active tiles.
 pub const TILE: u32 = 8;
