@@ -204,13 +204,13 @@ contracts! {
         { "STRIDE": "1", "TX": "2", "TY": "2", "NV": "8" } &[], &[];
     /// The same for CPU drivers.
     CONV3X3_CPU = "conv3x3_cpu" "conv3x3.comp" Conv3x3Push
-        { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_SHARED": "1", "TEXELS": "1" } CONV_TEXELS, CPU;
+        { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_SHARED": "1", "TEXELS": "1", "TAP_BY_TAP": "1" } CONV_TEXELS, CPU;
     /// Convolution, stride 2.
     CONV3X3_S2 = "conv3x3_s2" "conv3x3.comp" Conv3x3Push
         { "STRIDE": "2", "TX": "2", "TY": "2", "NV": "8" } &[], &[];
     /// The same for CPU drivers.
     CONV3X3_S2_CPU = "conv3x3_s2_cpu" "conv3x3.comp" Conv3x3Push
-        { "STRIDE": "2", "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_SHARED": "1", "TEXELS": "1" } CONV_TEXELS, CPU;
+        { "STRIDE": "2", "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_SHARED": "1", "TEXELS": "1", "TAP_BY_TAP": "1" } CONV_TEXELS, CPU;
     /// Convolution to at most 4 channels.
     CONV3X3_N4 = "conv3x3_n4" "conv3x3.comp" Conv3x3Push
         { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "1" } &[], &[];
