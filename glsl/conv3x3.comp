@@ -39,8 +39,10 @@ layout(push_constant) uniform Push {
 
 const uint LANES_X = 8 / TX;
 const uint LANES = 64 / PIXELS;                // invocations per tile
-const int PATCH_X = (TX - 1) * STRIDE + 3;
 
+// Three taps of a row share what they load. TAP_BY_TAP loads for every tap anew, which keeps the loop a third as long:
+// with wide tiles CPU drivers unroll it beyond the instruction cache.
+const int PATCH_X = (TX - 1) * STRIDE + 3;
 vec4 row[TY * PATCH_X];
 
 void main() {
@@ -54,6 +56,22 @@ void main() {
     clear_accumulators(weights, tile_n);
     uint weight_base = bias_vectors + tile_n * 9u * src_channels * BLOCK;
     ivec2 corner = base * STRIDE - 1;
+#ifdef TAP_BY_TAP
+    for (int tap = 0; tap < 9; ++tap) {
+        uint from[PIXELS];
+        bool inside[PIXELS];
+        [[unroll]] for (int p = 0; p < PIXELS; ++p) {
+            ivec2 at = corner + ivec2(tap % 3, tap / 3) + ivec2(p % TX, p / TX) * STRIDE;
+            inside[p] = at.x >= 0 && at.x < int(src_width) && at.y >= 0 && at.y < int(src_height);
+            from[p] = inside[p] ? uint(at.y * int(src_width) + at.x) * src_stride : 0u;
+        }
+        for (uint k = 0u; k < src_channels; ++k) {
+            [[unroll]] for (int p = 0; p < PIXELS; ++p) row[p] = inside[p] ? LOAD(src, from[p] + k) : vec4(0.0);
+#define TAP_PIXEL(p) row[p]
+            MULTIPLY_ADD(weights, weight_base + (tap * src_channels + k) * BLOCK, TAP_PIXEL)
+        }
+    }
+#else
     for (int ky = 0; ky < 3; ++ky) {
         for (uint k = 0u; k < src_channels; ++k) {
             [[unroll]] for (int y = 0; y < TY; ++y) {
@@ -74,6 +92,7 @@ void main() {
             }
         }
     }
+#endif
     if (!live) return;
 
     [[unroll]] for (int p = 0; p < PIXELS; ++p) {

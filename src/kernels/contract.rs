@@ -80,7 +80,7 @@ pub struct Contract {
 /// An optional device feature that a variant needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Need {
-    /// `subgroupBroadcast` in compute shaders, at least 8 invocations a subgroup; `shaderInt64`; texel buffers that may
+    /// `subgroupShuffle` in compute shaders, at least 8 invocations a subgroup; `shaderInt64`; texel buffers that may
     /// begin at every texel.
     CpuDriver,
     /// `storageBuffer16BitAccess`.
@@ -92,7 +92,7 @@ pub enum Need {
 impl std::fmt::Display for Need {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(match self {
-            Self::CpuDriver => "subgroupBroadcast over 8 lanes, shaderInt64 and minTexelBufferOffsetAlignment 16",
+            Self::CpuDriver => "subgroupShuffle over 8 lanes, shaderInt64 and minTexelBufferOffsetAlignment 16",
             Self::Storage16 => "storageBuffer16BitAccess",
             Self::Float16 => "shaderFloat16",
         })

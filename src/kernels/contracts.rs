@@ -214,20 +214,20 @@ macro_rules! contracts {
 }
 
 // TX x TY outputs and 4 * NV channels an invocation: 2x2 keeps a GPU's registers, more suits CPU drivers, on which a
-// load costs more than the arithmetic it feeds: there lanes share weights (WEIGHTS_BROADCAST) and load whole vectors (TEXELS).
+// load costs more than the arithmetic it feeds: there lanes share weights (WEIGHTS_SHARED) and load whole vectors (TEXELS).
 contracts! {
     /// Convolution, stride 1, tiles of 32 channels.
     CONV3X3 = "conv3x3" "conv3x3.comp" Conv3x3Push
         { "STRIDE": "1", "TX": "2", "TY": "2", "NV": "8" } &[], &[];
     /// The same for CPU drivers.
     CONV3X3_CPU = "conv3x3_cpu" "conv3x3.comp" Conv3x3Push
-        { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_BROADCAST": "1", "TEXELS": "1" } CONV_TEXELS, CPU;
+        { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_SHARED": "1", "TEXELS": "1", "TAP_BY_TAP": "1" } CONV_TEXELS, CPU;
     /// Convolution, stride 2.
     CONV3X3_S2 = "conv3x3_s2" "conv3x3.comp" Conv3x3Push
         { "STRIDE": "2", "TX": "2", "TY": "2", "NV": "8" } &[], &[];
     /// The same for CPU drivers.
     CONV3X3_S2_CPU = "conv3x3_s2_cpu" "conv3x3.comp" Conv3x3Push
-        { "STRIDE": "2", "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_BROADCAST": "1", "TEXELS": "1" } CONV_TEXELS, CPU;
+        { "STRIDE": "2", "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_SHARED": "1", "TEXELS": "1", "TAP_BY_TAP": "1" } CONV_TEXELS, CPU;
     /// Convolution to at most 4 channels.
     CONV3X3_N4 = "conv3x3_n4" "conv3x3.comp" Conv3x3Push
         { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "1" } &[], &[];
@@ -253,7 +253,7 @@ contracts! {
     LINEAR = "linear" "linear.comp" LinearPush { "TX": "2", "TY": "2", "NV": "8" } &[], &[];
     /// The same for CPU drivers.
     LINEAR_CPU = "linear_cpu" "linear.comp" LinearPush
-        { "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_BROADCAST": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU;
+        { "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_SHARED": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU;
     /// Depthwise convolution.
     DEPTHWISE3X3 = "depthwise3x3" "depthwise3x3.comp" Depthwise3x3Push { "TX": "4", "TY": "2" } &[], &[];
     /// The same for CPU drivers.

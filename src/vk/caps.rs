@@ -63,8 +63,8 @@ pub struct Caps {
     pub max_groups: [u32; 3],
     /// Invocations of a subgroup.
     pub subgroup_size: u32,
-    /// `subgroupBroadcast` in compute shaders.
-    pub subgroup_ballot: bool,
+    /// `subgroupShuffle` in compute shaders.
+    pub subgroup_shuffle: bool,
     /// Texels that a texel buffer may have.
     pub max_texels: u32,
     /// Whether a texel buffer of 16-byte texels may begin at each of them.
@@ -98,7 +98,7 @@ impl Caps {
     pub fn meets(&self, need: Need) -> bool {
         match need {
             Need::CpuDriver => {
-                self.subgroup_ballot && self.subgroup_size >= SHARING_LANES && self.int64 && self.texels_anywhere
+                self.subgroup_shuffle && self.subgroup_size >= SHARING_LANES && self.int64 && self.texels_anywhere
             }
             Need::Storage16 => self.storage16,
             Need::Float16 => self.float16,
@@ -209,8 +209,8 @@ pub(crate) fn inspect(instance: &ash::Instance, physical: vk::PhysicalDevice, in
         memory_bytes,
         max_groups: limits.max_compute_work_group_count,
         subgroup_size: subgroup.subgroup_size,
-        subgroup_ballot: subgroup.supported_stages.contains(vk::ShaderStageFlags::COMPUTE)
-            && subgroup.supported_operations.contains(vk::SubgroupFeatureFlags::BALLOT),
+        subgroup_shuffle: subgroup.supported_stages.contains(vk::ShaderStageFlags::COMPUTE)
+            && subgroup.supported_operations.contains(vk::SubgroupFeatureFlags::SHUFFLE),
         max_texels: limits.max_texel_buffer_elements,
         texels_anywhere: limits.min_texel_buffer_offset_alignment <= TEXEL_BYTES,
         int64: features10.shader_int64 == vk::TRUE,
