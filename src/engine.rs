@@ -27,7 +27,7 @@ pub(crate) struct Engine {
 }
 
 impl Engine {
-    pub fn new(device: &Device, weights: &Weights) -> Result<Self> {
+    pub fn new(device: &Device, weights: &Weights, cpu: bool) -> Result<Self> {
         let graph = Graph::new(weights.arch()).map_err(WeightsError::from)?;
         // The packing is the same at every size.
         let smallest = plan(&graph, Extent::new(1, 1), &PlanOptions { max_block_bytes: u64::MAX, keep_all: false })?;
@@ -37,7 +37,7 @@ impl Engine {
             device: device.clone(),
             graph,
             exposure_rule: weights.preprocessing().exposure,
-            cpu: prefers_cpu_kernels(device),
+            cpu,
         })
     }
 

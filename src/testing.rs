@@ -1,12 +1,13 @@
 //! For this crate's own tests and benchmarks: single kernels on a device, with sentinels around every buffer.
 
-use crate::denoiser::Denoiser;
+use crate::denoiser::{Denoiser, Options};
 use crate::engine;
 use crate::error::{Error, Result};
 use crate::frame::{Frame, Layout, PlaneMut};
 use crate::kernels::contract::Need;
 use crate::kernels::{Addresses, BufferId, Call, FrameArgs, PlaneArgs, Variants};
 use crate::net::graph::Stage;
+use crate::net::weights::Weights;
 use crate::plan::{Dispatch, ELEMENT_BYTES, Plan};
 use crate::record::{Pipelines, Recording};
 use crate::vk::device::Device;
@@ -142,6 +143,15 @@ impl Bench {
     fn address(&self, id: BufferId) -> u64 {
         self.buffers[id.0].1.address() + GUARD as u64
     }
+}
+
+/// A denoiser with or without the kernels shaped for CPU drivers ([`Bench::can_run_cpu_kernels`]), whatever the engine
+/// would take.
+///
+/// # Errors
+/// As [`Denoiser::new`].
+pub fn denoiser_with_kernels(device: &Device, weights: &Weights, options: &Options, cpu: bool) -> Result<Denoiser> {
+    Denoiser::with_kernels(device, weights, options, cpu)
 }
 
 /// Denoises a frame on the host path and reads what `pick` names of the plan afterwards, with the plan. Only what lives
