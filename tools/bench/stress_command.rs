@@ -77,7 +77,7 @@ pub fn run(args: &StressArgs) -> Result<()> {
     }
     for peer in &args.peer {
         matrix.add_subject(&peer.name);
-        measure(&mut matrix, &peer.name, &mut Subject::Peer(Peer::start(&peer.command)?), &cases, effort)?;
+        measure(&mut matrix, &peer.name, &mut Subject::peer(Peer::start(&peer.command)?), &cases, effort)?;
     }
     if let Some(path) = &args.markdown {
         std::fs::write(path, matrix.markdown())?;

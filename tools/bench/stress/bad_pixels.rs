@@ -92,7 +92,7 @@ pub fn places(effort: Effort) -> &'static [(u32, u32)] {
 fn one(subject: &mut Subject, effort: Effort, targets: &[Target]) -> Result<Vec<Measured>> {
     let scene = Scene::new(Extent::new(SIDE, SIDE), 1);
     let key = scene.key()?;
-    let clean = subject.denoise(&scene)?;
+    let clean = subject.denoise_undisturbed(&scene)?;
     let mut sound = sound();
     let mut moved = Measured::new("far pixels move, of value + 1e-3 key", Bound::AtMost(0.01));
     let mut mean = Measured::new("the mean moves, of itself", Bound::AtMost(0.01));

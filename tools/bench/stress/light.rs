@@ -19,7 +19,7 @@ pub const CASES: Cases = &[
 fn firefly(subject: &mut Subject, effort: Effort) -> Result<Vec<Measured>> {
     let scene = Scene::new(Extent::new(SIDE, SIDE), 1);
     let key = scene.key()?;
-    let clean = subject.denoise(&scene)?;
+    let clean = subject.denoise_undisturbed(&scene)?;
     let mut sound = sound();
     let mut moved = Measured::new("far pixels move, of the key", Bound::AtMost(0.01));
     let keys: &[f64] = match effort {

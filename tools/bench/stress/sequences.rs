@@ -23,7 +23,7 @@ const SIZES: [(u32, u32); 6] = [(1, 1), (17, 5), (33, 64), (96, 31), (128, 128),
 fn sequence(subject: &mut Subject, effort: Effort) -> Result<Vec<Measured>> {
     let Some(engine) = subject.as_engine() else { return Ok(Vec::new()) };
     let (length, sizes) = match effort {
-        Effort::Sample => (14, &SIZES[..2]),
+        Effort::Sample => (8, &SIZES[..2]),
         Effort::Everything => (200, &SIZES[..]),
     };
     let mut random = Random::new(10);
