@@ -49,6 +49,7 @@ pub fn check(contract: &Contract, words: &[u32]) -> Result<(), String> {
     let binding = |ty| match ty {
         BindingType::SampledImage => "sampled image",
         BindingType::StorageImage => "storage image",
+        BindingType::TexelBuffer => "texel buffer",
     };
     let wanted_bindings: Vec<_> = (0..)
         .zip(contract.bindings)
@@ -96,6 +97,7 @@ fn describe(ty: &DescriptorType) -> String {
     match ty {
         DescriptorType::SampledImage() => "sampled image".to_owned(),
         DescriptorType::StorageImage(_) => "storage image".to_owned(),
+        DescriptorType::UniformTexelBuffer() => "texel buffer".to_owned(),
         other => format!("{other:?}"),
     }
 }

@@ -6,6 +6,10 @@
 #include "shared/epilogue.glsl"
 // One invocation: TX x TY neighbouring outputs.
 const int PIXELS = TX * TY;
+TEXELS_OF(0, src)
+TEXELS_OF(1, weights)
+TEXELS_OF(2, film)
+TEXELS_OF(3, residual)
 #include "shared/microkernel.glsl"
 
 layout(local_size_x = 64) in;

@@ -5,6 +5,8 @@
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"
 #include "shared/epilogue.glsl"
+TEXELS_OF(0, src)
+TEXELS_OF(1, weights)
 
 const uint RUNS = 64 / (TX * TY);             // per tile
 layout(local_size_x = 8 * RUNS) in;
@@ -40,11 +42,13 @@ void main() {
 
     [[unroll]] for (int y = -1; y <= TY; ++y) {
         int sy = base.y + y;
-        if (sy < 0 || sy >= int(height)) continue;
+        bool row_inside = sy >= 0 && sy < int(height);
+        uint row_base = uint(clamp(sy, 0, int(height) - 1)) * width;
         [[unroll]] for (int x = -1; x <= TX; ++x) {
             int sx = base.x + x;
-            if (sx < 0 || sx >= int(width)) continue;
-            vec4 value = LOAD(src, uint(sy * int(width) + sx) * src_stride + channel);
+            bool inside = row_inside && sx >= 0 && sx < int(width);
+            uint index = (row_base + uint(clamp(sx, 0, int(width) - 1))) * src_stride + channel;
+            vec4 value = inside ? LOAD(src, index) : vec4(0.0);
             [[unroll]] for (int ky = 0; ky < 3; ++ky) {
                 [[unroll]] for (int kx = 0; kx < 3; ++kx) {
                     int py = y + 1 - ky;

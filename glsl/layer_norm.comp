@@ -3,6 +3,8 @@
 #version 460
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"
+TEXELS_OF(0, src)
+TEXELS_OF(1, weights)
 
 layout(local_size_x = 64) in;
 

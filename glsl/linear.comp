@@ -4,6 +4,11 @@
 #include "shared/tiles.glsl"
 #include "shared/epilogue.glsl"
 const int PIXELS = TX * TY;
+TEXELS_OF(0, src)
+TEXELS_OF(1, weights)
+TEXELS_OF(2, film)
+TEXELS_OF(3, residual)
+TEXELS_OF(4, src_b)
 #include "shared/microkernel.glsl"
 
 layout(local_size_x = 64) in;
@@ -48,16 +53,14 @@ void main() {
     uint pixels[PIXELS];
     [[unroll]] for (int p = 0; p < PIXELS; ++p) pixels[p] = (base.y + p / TX) * width + base.x + p % TX;
 #define ACTIVATION(p) activations[p]
-    for (uint k = 0u; k < src_channels + src_b_channels; ++k) {
-        bool second = k >= src_channels;
-        uint stride = second ? src_b_stride : src_stride;
-        uint channel = second ? k - src_channels : k;
-        Source source = src;
-        if (second) source = src_b;
-        [[unroll]] for (int p = 0; p < PIXELS; ++p) activations[p] = LOAD(source, pixels[p] * stride + channel);
-        MULTIPLY_ADD(weights, block_base, ACTIVATION)
-        block_base += BLOCK;
+#define ADD_SOURCE(source) \
+    for (uint k = 0u; k < source##_channels; ++k) { \
+        [[unroll]] for (int p = 0; p < PIXELS; ++p) activations[p] = LOAD(source, pixels[p] * source##_stride + k); \
+        MULTIPLY_ADD(weights, block_base, ACTIVATION) \
+        block_base += BLOCK; \
     }
+    ADD_SOURCE(src)
+    ADD_SOURCE(src_b)
     if (!live) return;
 
     [[unroll]] for (int p = 0; p < PIXELS; ++p) {

@@ -3,6 +3,8 @@
 #extension GL_EXT_control_flow_attributes : require
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"
+TEXELS_OF(0, x)
+TEXELS_OF(1, f)
 
 layout(local_size_x = 256) in;
 

@@ -6,6 +6,7 @@ use crate::frame::{Extent, Features, Frame, PlaneMut, check_in_place};
 use crate::host::HostPass;
 use crate::net::weights::Weights;
 use crate::pass::{FrameOptions, Pass};
+use crate::profile::KernelRecord;
 use crate::vk::device::Device;
 use std::fmt;
 use std::str::FromStr;
@@ -86,6 +87,8 @@ pub struct Report {
 pub struct Denoiser {
     engine: Arc<Engine>,
     options: FrameOptions,
+    /// Whether the host path times its kernels.
+    profiling: bool,
     host: Option<HostPass>,
 }
 
@@ -110,7 +113,8 @@ impl Denoiser {
     pub(crate) fn with_kernels(device: &Device, weights: &Weights, options: &Options, cpu: bool) -> Result<Self> {
         let frame = FrameOptions { exposure: options.exposure, blend: options.blend };
         frame.check()?;
-        Ok(Self { engine: Arc::new(Engine::new(device, weights, cpu)?), options: frame, host: None })
+        let engine = Arc::new(Engine { cpu, ..Engine::new(device, weights)? });
+        Ok(Self { engine, options: frame, profiling: false, host: None })
     }
 
     /// Sets the host path's exposure.
@@ -122,6 +126,25 @@ impl Denoiser {
         options.check()?;
         self.options = options;
         Ok(())
+    }
+
+    /// Whether the host path times every kernel from now on; [`Denoiser::records`] has the times. Off at first.
+    ///
+    /// # Errors
+    /// [`Error::Unsupported`] where the device has no timestamps.
+    pub fn set_profiling(&mut self, profiling: bool) -> Result<()> {
+        if profiling && !self.device().has_timestamps() {
+            let device = self.device().info().name.clone();
+            return Err(Error::Unsupported { device, missing: "timestamps on the queue (timestampValidBits)".into() });
+        }
+        self.profiling = profiling;
+        Ok(())
+    }
+
+    /// What every kernel of the last call took, in the order in which they ran; empty without
+    /// [`Denoiser::set_profiling`].
+    pub fn records(&self) -> &[KernelRecord] {
+        self.host.as_ref().map_or(&[], HostPass::records)
     }
 
     /// The precision in use: `fp32`.
@@ -152,9 +175,9 @@ impl Denoiser {
         frame.check()?;
         output.check("output", frame.extent, 3)?;
         let started = Instant::now();
-        let (pass, options) = self.host_pass(frame.extent)?;
+        let (profiling, (pass, options)) = (self.profiling, self.host_pass(frame.extent)?);
         pass.write_color(|extent, packed| frame.color.pack(extent, 3, packed));
-        let report = pass.run(&frame.features, &options, started)?;
+        let report = pass.run(&frame.features, &options, profiling, started)?;
         pass.read(&mut output);
         Ok(report)
     }
@@ -166,9 +189,9 @@ impl Denoiser {
     pub fn denoise_in_place(&mut self, extent: Extent, mut color: PlaneMut, features: &Features) -> Result<Report> {
         check_in_place(extent, &color, features)?;
         let started = Instant::now();
-        let (pass, options) = self.host_pass(extent)?;
+        let (profiling, (pass, options)) = (self.profiling, self.host_pass(extent)?);
         pass.write_color(|extent, packed| color.pack(extent, 3, packed));
-        let report = pass.run(features, &options, started)?;
+        let report = pass.run(features, &options, profiling, started)?;
         pass.read(&mut color);
         Ok(report)
     }

@@ -8,7 +8,7 @@ use crate::net::graph::Graph;
 use crate::net::weights::{ExposureRule, Weights, WeightsError};
 use crate::plan::{Place, Plan, PlanOptions, plan};
 use crate::record::Pipelines;
-use crate::vk::caps::DeviceKind;
+use crate::vk::caps::{DeviceKind, TEXEL_BYTES};
 use crate::vk::device::Device;
 use crate::vk::memory::Buffer;
 use gpu_allocator::MemoryLocation;
@@ -27,24 +27,42 @@ pub(crate) struct Engine {
 }
 
 impl Engine {
-    pub fn new(device: &Device, weights: &Weights, cpu: bool) -> Result<Self> {
+    pub fn new(device: &Device, weights: &Weights) -> Result<Self> {
         let graph = Graph::new(weights.arch()).map_err(WeightsError::from)?;
         // The packing is the same at every size.
         let smallest = plan(&graph, Extent::new(1, 1), &PlanOptions { max_block_bytes: u64::MAX, keep_all: false })?;
+        Self::of_plan(device, graph, &smallest, weights)
+    }
+
+    /// For plans that pack the weights as `plan` does.
+    pub fn of_plan(device: &Device, graph: Graph, plan: &Plan, weights: &Weights) -> Result<Self> {
         Ok(Self {
-            weights: upload(device, &smallest, weights)?,
+            weights: upload(device, plan, weights)?,
             pipelines: Pipelines::new(device),
             device: device.clone(),
             graph,
             exposure_rule: weights.preprocessing().exposure,
-            cpu,
+            cpu: prefers_cpu_kernels(device),
         })
     }
 
     /// The plan of a frame size on this device.
     pub fn plan(&self, extent: Extent) -> Result<Plan> {
-        let max_block_bytes = self.device.caps().max_buffer_bytes.min(MAX_BLOCK_BYTES);
-        plan(&self.graph, extent, &PlanOptions { max_block_bytes, keep_all: false })
+        plan(&self.graph, extent, &self.plan_options())
+    }
+
+    /// What this device's plans are made with.
+    fn plan_options(&self) -> PlanOptions {
+        PlanOptions { max_block_bytes: Self::max_block_bytes(&self.device), keep_all: false }
+    }
+
+    /// Largest block of an arena on a device.
+    pub fn max_block_bytes(device: &Device) -> u64 {
+        let caps = device.caps();
+        // A kernel that reads a map as texels must reach all of it.
+        let texels =
+            if prefers_cpu_kernels(device) { u64::from(caps.max_texels) * TEXEL_BYTES } else { u64::MAX };
+        caps.max_buffer_bytes.min(MAX_BLOCK_BYTES).min(texels)
     }
 
     /// The kernels that this device prefers, for a frame in buffers.

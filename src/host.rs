@@ -6,6 +6,7 @@ use crate::error::{Error, Result};
 use crate::frame::{Extent, Features, Layout, PlaneMut};
 use crate::kernels::stats::STATS_FLOATS;
 use crate::pass::{Binding, FrameOptions, Pass};
+use crate::profile::{KernelRecord, Profiler};
 use crate::renderer::{BufferFrame, BufferPlane, SampleFormat};
 use crate::vk::memory::Buffer;
 use crate::vk::submit::{Submission, barrier};
@@ -27,7 +28,11 @@ pub(crate) struct HostPass {
     submission: Submission,
     binding: Option<(Present, Binding)>,
     /// What the command buffer holds now; it is recorded again only when this changes.
-    recorded: Option<(Present, FrameOptions)>,
+    recorded: Option<(Present, FrameOptions, bool)>,
+    /// Of one slot; made when profiling is first wanted.
+    profiler: Option<Profiler>,
+    /// What the last run measured.
+    records: Vec<KernelRecord>,
     pass: Pass,
     input: Buffer,
     /// The denoised plane, then the frame's statistics.
@@ -52,6 +57,8 @@ impl HostPass {
             submission: Submission::new(device)?,
             binding: None,
             recorded: None,
+            profiler: None,
+            records: Vec::new(),
             engine: Arc::clone(engine),
         })
     }
@@ -70,8 +77,19 @@ impl HostPass {
         pack(extent, &mut self.floats()[..3 * extent.pixels() as usize]);
     }
 
-    /// Stages the features, runs the pass and waits.
-    pub fn run(&mut self, features: &Features, options: &FrameOptions, started: Instant) -> Result<Report> {
+    /// What the last run measured; empty where it was not profiled.
+    pub fn records(&self) -> &[KernelRecord] {
+        &self.records
+    }
+
+    /// Stages the features, runs the pass, with times of its kernels if `profile`, and waits.
+    pub fn run(
+        &mut self,
+        features: &Features,
+        options: &FrameOptions,
+        profile: bool,
+        started: Instant,
+    ) -> Result<Report> {
         let extent = self.extent();
         let pixels = extent.pixels() as usize;
         let Features { albedo, normal, depth } = features;
@@ -84,10 +102,14 @@ impl HostPass {
             plane.pack_depth(extent, &mut self.floats()[9 * pixels..][..pixels]);
         }
         let present = [albedo, normal, depth].map(Option::is_some);
-        if self.recorded != Some((present, *options)) {
-            self.record(present, options)?;
+        if self.recorded != Some((present, *options, profile)) {
+            self.record(present, options, profile)?;
         }
+        self.records.clear();
         let gpu_ms = self.submission.run()?;
+        if let Some(profiler) = self.profiler.as_ref().filter(|_| profile) {
+            self.records = profiler.read(0)?.unwrap_or_default();
+        }
         let stats = &bytemuck::cast_slice::<u8, f32>(self.output.bytes())[OUTPUT_FLOATS as usize * pixels..];
         Ok(Report {
             exposure: stats.get(3).copied().unwrap_or(f32::NAN),
@@ -113,10 +135,7 @@ impl HostPass {
             buffer: buffer.raw(),
             size,
             format: SampleFormat::F32,
-            layout: Layout {
-                offset: (first * extent.pixels()) as usize,
-                ..Layout::interleaved(extent, channels)
-            },
+            layout: Layout { offset: (first * extent.pixels()) as usize, ..Layout::interleaved(extent, channels) },
         };
         let input_bytes = extent.pixels() * INPUT_FLOATS * 4;
         let input = |first, channels| plane(&self.input, input_bytes, first, channels);
@@ -131,7 +150,10 @@ impl HostPass {
         unsafe { self.pass.bind_buffers(&frame) }
     }
 
-    fn record(&mut self, present: Present, options: &FrameOptions) -> Result<()> {
+    fn record(&mut self, present: Present, options: &FrameOptions, profile: bool) -> Result<()> {
+        if profile && self.profiler.is_none() {
+            self.profiler = Some(Profiler::new(&self.pass, 1)?);
+        }
         let bound = match self.binding.take() {
             Some((had, binding)) if had == present => binding,
             _ => self.bind(present)?,
@@ -143,7 +165,8 @@ impl HostPass {
             dst_offset: self.extent().pixels() * OUTPUT_FLOATS * 4,
             size: stats_bytes,
         }];
-        let Self { submission, pass, output, engine, .. } = self;
+        let Self { submission, pass, output, engine, profiler, .. } = self;
+        let profiled = profiler.as_ref().filter(|_| profile).map(|profiler| (profiler, 0));
         let device = &engine.device;
         let compute = (vk::PipelineStageFlags::COMPUTE_SHADER, vk::AccessFlags::SHADER_WRITE);
         let transfer = (vk::PipelineStageFlags::TRANSFER, vk::AccessFlags::TRANSFER_READ);
@@ -158,7 +181,7 @@ impl HostPass {
             unsafe {
                 // The last run's copy of the statistics, before this run overwrites them.
                 barrier(device, commands, transfer, compute);
-                pass.record(commands, &bound, options)?;
+                pass.record_with(commands, &bound, options, profiled)?;
                 barrier(device, commands, compute, transfer);
                 device.raw().cmd_copy_buffer(commands, stats, output.raw(), &copy);
                 barrier(device, commands, written, host);
@@ -166,7 +189,7 @@ impl HostPass {
             Ok(())
         })?;
         self.binding = Some((present, bound));
-        self.recorded = Some((present, *options));
+        self.recorded = Some((present, *options, profile));
         Ok(())
     }
 }

@@ -48,6 +48,7 @@
 //! stay local. All types are `Send` and `Sync`; what records or runs takes `&self` or `&mut self` as its doc says.
 
 pub mod denoiser;
+mod descriptors;
 mod engine;
 pub mod error;
 #[cfg(feature = "exr")]
@@ -59,6 +60,7 @@ pub mod metrics;
 pub mod net;
 pub mod pass;
 pub mod plan;
+pub mod profile;
 mod record;
 pub mod reference;
 pub mod renderer;
@@ -72,6 +74,7 @@ pub use error::{Error, Result};
 pub use frame::{Extent, Features, Frame, Layout, Plane, PlaneMut, Samples, SamplesMut};
 pub use net::weights::Weights;
 pub use pass::{Binding, FrameOptions, Pass};
+pub use profile::{KernelRecord, Profiler};
 pub use renderer::{BufferFrame, BufferPlane, ImageFormat, ImageFrame, ImagePlane, SampleFormat};
 pub use vk::caps::{DeviceInfo, DeviceKind, Requirements};
 pub use vk::device::{Device, DeviceOptions, DeviceSelector, RendererDevice};

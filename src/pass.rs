@@ -1,20 +1,21 @@
 //! A forward pass of one frame size, ready to be recorded.
 
 use crate::denoiser::Exposure;
+use crate::descriptors::{DescriptorSets, Resources};
 use crate::engine::Engine;
 use crate::error::{Error, Result};
 use crate::frame::Extent;
-use crate::kernels::{Addresses, BufferId, FrameArgs, PlaneArgs, Variants, contracts};
+use crate::kernels::{Addresses, BufferId, FrameArgs, PlaneArgs, TexelRange, Variants};
 use crate::net::weights::ExposureRule;
 use crate::plan::{ELEMENT_BYTES, Place, Plan};
+use crate::profile::Profiler;
 use crate::record::Recording;
 use crate::renderer::{BufferFrame, ImageFormat, ImageFrame, ImagePlane};
-use crate::vk::Checked;
+use crate::vk::device::Device;
 use crate::vk::memory::Buffer;
-use crate::vk::pipeline::{Pipeline, descriptor_type};
+use crate::vk::pipeline::Pipeline;
 use ash::vk;
 use gpu_allocator::MemoryLocation;
-use std::collections::HashMap;
 use std::sync::Arc;
 
 /// The denoiser for one frame size: its plan, and the arena of its feature maps. Made by [`crate::Denoiser::pass`].
@@ -31,7 +32,7 @@ pub struct Pass {
 /// The renderer's planes, resolved for a [`Pass`]. `Send` and `Sync`; it must outlive the recorded commands.
 pub struct Binding {
     // Before the pipelines, whose set layouts it uses.
-    sets: Option<ImageSets>,
+    sets: DescriptorSets,
     pipelines: Vec<Arc<Pipeline>>,
     variants: Variants,
     extent: Extent,
@@ -71,7 +72,12 @@ impl FrameOptions {
 
 impl Pass {
     pub(crate) fn new(engine: &Arc<Engine>, extent: Extent) -> Result<Self> {
-        let plan = engine.plan(extent)?;
+        Self::of_plan(engine, engine.plan(extent)?)
+    }
+
+    /// The pass of a plan of the engine's own graph and packing.
+    pub(crate) fn of_plan(engine: &Arc<Engine>, plan: Plan) -> Result<Self> {
+        let extent = plan.extent;
         let (bytes, heap) = (plan.bytes(), engine.device.caps().memory_bytes);
         if bytes > heap {
             return Err(Error::FrameTooLarge {
@@ -85,6 +91,14 @@ impl Pass {
         };
         let blocks = plan.blocks.iter().enumerate().map(block).collect::<Result<_>>()?;
         Ok(Self { engine: Arc::clone(engine), plan, blocks })
+    }
+
+    pub(crate) fn blocks(&self) -> &[Buffer] {
+        &self.blocks
+    }
+
+    pub(crate) fn device(&self) -> &Device {
+        &self.engine.device
     }
 
     /// The plan, for reports.
@@ -107,22 +121,17 @@ impl Pass {
             plane.map_or(Ok(PlaneArgs::default()), |plane| plane.resolve(device, name, extent, channels))
         };
         let output = resolve(Some(&frame.output), "output", 3)?;
-        let mut binding = Binding {
-            sets: None,
-            pipelines: Vec::new(),
-            variants: Variants { output_half: output.half, ..self.engine.variants() },
-            extent,
-            planes: FrameArgs {
-                color: resolve(Some(&frame.color), "colour", 3)?,
-                albedo: resolve(frame.albedo.as_ref(), "albedo", 3)?,
-                normal: resolve(frame.normal.as_ref(), "normal", 3)?,
-                depth: resolve(frame.depth.as_ref(), "depth", 1)?,
-                output,
-                ..FrameArgs::default()
-            },
+        let planes = FrameArgs {
+            color: resolve(Some(&frame.color), "colour", 3)?,
+            albedo: resolve(frame.albedo.as_ref(), "albedo", 3)?,
+            normal: resolve(frame.normal.as_ref(), "normal", 3)?,
+            depth: resolve(frame.depth.as_ref(), "depth", 1)?,
+            output,
+            ..FrameArgs::default()
         };
-        binding.pipelines = self.engine.pipelines.for_dispatches(&self.plan.dispatches, binding.variants)?;
-        Ok(binding)
+        let variants = Variants { output_half: output.half, ..self.engine.variants() };
+        // SAFETY: no images.
+        unsafe { self.bind(None, variants, planes) }
     }
 
     /// Resolves a frame in the renderer's images. Not for the frame's hot path: it may compile kernels and makes
@@ -140,23 +149,34 @@ impl Pass {
             half: plane.is_some_and(|p| p.format == ImageFormat::Rgba16F),
             ..PlaneArgs::default()
         };
+        let planes = FrameArgs {
+            color: args(Some(&frame.color)),
+            albedo: args(frame.albedo.as_ref()),
+            normal: args(frame.normal.as_ref()),
+            depth: args(frame.depth.as_ref()),
+            output: args(Some(&frame.output)),
+            ..FrameArgs::default()
+        };
         let output_half = frame.output.format == ImageFormat::Rgba16F;
         let variants = Variants { images: true, output_half, ..self.engine.variants() };
-        Ok(Binding {
-            // SAFETY: the caller vouches for the views.
-            sets: Some(unsafe { ImageSets::new(&self.engine, frame, variants)? }),
-            pipelines: self.engine.pipelines.for_dispatches(&self.plan.dispatches, variants)?,
-            variants,
-            extent: self.plan.extent,
-            planes: FrameArgs {
-                color: args(Some(&frame.color)),
-                albedo: args(frame.albedo.as_ref()),
-                normal: args(frame.normal.as_ref()),
-                depth: args(frame.depth.as_ref()),
-                output: args(Some(&frame.output)),
-                ..FrameArgs::default()
-            },
-        })
+        // SAFETY: the caller vouches for the views.
+        unsafe { self.bind(Some(frame), variants, planes) }
+    }
+
+    /// # Safety
+    /// The images are valid, belong to the device and live as long as the binding.
+    pub(crate) unsafe fn bind(&self, images: Option<&ImageFrame>, variants: Variants, planes: FrameArgs) -> Result<Binding> {
+        let (engine, dispatches) = (&self.engine, &self.plan.dispatches);
+        let pipelines = engine.pipelines.for_dispatches(dispatches, variants)?;
+        let texels = |range: &TexelRange| {
+            let (buffer, offset, bytes) = self.location(range.buffer);
+            let skipped = u64::from(range.first) * ELEMENT_BYTES;
+            (buffer, offset + skipped, bytes - skipped)
+        };
+        let resources = Resources { images, texels: &texels };
+        // SAFETY: the caller vouches for the images; the arena and the weights outlive every use of the binding.
+        let sets = unsafe { DescriptorSets::new(&engine.device, dispatches, &pipelines, variants, &resources)? };
+        Ok(Binding { sets, pipelines, variants, extent: self.plan.extent, planes })
     }
 
     /// Records the pass into the renderer's command buffer. It does not submit, wait, allocate or update anything.
@@ -177,6 +197,40 @@ impl Pass {
     /// pass. The pass, the binding and what it names live until the commands have run. The pass's recordings run on one
     /// queue.
     pub unsafe fn record(&self, commands: vk::CommandBuffer, binding: &Binding, options: &FrameOptions) -> Result<()> {
+        // SAFETY: the caller's promises are the same.
+        unsafe { self.record_with(commands, binding, options, None) }
+    }
+
+    /// The same as [`Pass::record`], with a timestamp before and after every dispatch in `slot` of `profiler`.
+    ///
+    /// # Errors
+    /// As [`Pass::record`]; [`Error::Binding`] where the profiler was made for another pass; [`Error::InvalidOption`] where
+    /// it has no such slot.
+    ///
+    /// # Safety
+    /// As [`Pass::record`]; the profiler lives until the commands have run, and no other recording of the slot is in
+    /// flight then.
+    pub unsafe fn record_profiled(
+        &self,
+        commands: vk::CommandBuffer,
+        binding: &Binding,
+        options: &FrameOptions,
+        profiler: &Profiler,
+        slot: u32,
+    ) -> Result<()> {
+        // SAFETY: the caller's promises are the same.
+        unsafe { self.record_with(commands, binding, options, Some((profiler, slot))) }
+    }
+
+    /// # Safety
+    /// As [`Pass::record_profiled`].
+    pub(crate) unsafe fn record_with(
+        &self,
+        commands: vk::CommandBuffer,
+        binding: &Binding,
+        options: &FrameOptions,
+        profiled: Option<(&Profiler, u32)>,
+    ) -> Result<()> {
         options.check()?;
         if binding.extent != self.plan.extent || binding.pipelines.len() != self.plan.dispatches.len() {
             let (has, wants) = (binding.extent, self.plan.extent);
@@ -185,7 +239,11 @@ impl Pass {
                 has.width, has.height, wants.width, wants.height
             )));
         }
-        let no_sets = HashMap::new();
+        let dispatches = &self.plan.dispatches;
+        let timestamps = match profiled {
+            Some((profiler, slot)) => Some(profiler.begin(slot, dispatches, binding.variants)?),
+            None => None,
+        };
         let recording = Recording {
             device: &self.engine.device,
             variants: binding.variants,
@@ -203,10 +261,11 @@ impl Pass {
                 },
             },
             pipelines: &binding.pipelines,
-            sets: binding.sets.as_ref().map_or(&no_sets, |sets| &sets.sets),
+            sets: &binding.sets,
+            timestamps,
         };
         // SAFETY: the caller vouches for `commands` and for what the binding names; the arena is this pass's own.
-        unsafe { recording.record(commands, &self.plan.dispatches) };
+        unsafe { recording.record(commands, dispatches) };
         Ok(())
     }
 
@@ -225,66 +284,5 @@ impl Pass {
             Place::Arena { block, offset } => (self.blocks[*block].raw(), *offset, buffer.bytes),
             Place::Weights { offset, .. } => (self.engine.weights.raw(), *offset, buffer.bytes),
         }
-    }
-}
-
-/// Descriptor sets of the kernels that touch images. Written once.
-struct ImageSets {
-    engine: Arc<Engine>,
-    pool: vk::DescriptorPool,
-    sets: HashMap<&'static str, vk::DescriptorSet>,
-}
-
-impl ImageSets {
-    /// # Safety
-    /// The views are valid and belong to the device.
-    unsafe fn new(engine: &Arc<Engine>, frame: &ImageFrame, variants: Variants) -> Result<Self> {
-        let device = engine.device.raw();
-        let output = if variants.output_half { &contracts::OUTPUT_IMAGE_F16 } else { &contracts::OUTPUT_IMAGE_F32 };
-        // A missing plane is never read, but its descriptor must be valid: the colour stands in.
-        let or_color = |plane: Option<ImagePlane>| plane.unwrap_or(frame.color);
-        let (albedo, normal, depth) = (or_color(frame.albedo), or_color(frame.normal), or_color(frame.depth));
-        let uses = [
-            (&contracts::STATS_HISTOGRAM_IMAGE, vec![frame.color, depth]),
-            (&contracts::STATS_TILES_IMAGE, vec![frame.color]),
-            (&contracts::INPUT_COLOR_IMAGE, vec![frame.color]),
-            (&contracts::INPUT_AUX_IMAGE, vec![albedo, normal, depth]),
-            (output, vec![frame.color, frame.output]),
-        ];
-        let sizes = [vk::DescriptorType::SAMPLED_IMAGE, vk::DescriptorType::STORAGE_IMAGE].map(|ty| {
-            let bindings = uses.iter().flat_map(|(contract, _)| contract.bindings);
-            let count = bindings.filter(|binding| descriptor_type(binding.ty) == ty).count();
-            vk::DescriptorPoolSize::default().ty(ty).descriptor_count(count as u32)
-        });
-        let info = vk::DescriptorPoolCreateInfo::default().max_sets(uses.len() as u32).pool_sizes(&sizes);
-        // SAFETY: the device is alive.
-        let pool = unsafe { device.create_descriptor_pool(&info, None) }.called("vkCreateDescriptorPool")?;
-        let mut made = Self { engine: Arc::clone(engine), pool, sets: HashMap::new() };
-        for (contract, planes) in &uses {
-            let layouts = [engine.pipelines.get(contract)?.set_layout];
-            let info = vk::DescriptorSetAllocateInfo::default().descriptor_pool(pool).set_layouts(&layouts);
-            // SAFETY: pool and layout are of this device; nobody else uses the pool.
-            let sets = unsafe { device.allocate_descriptor_sets(&info) }.called("vkAllocateDescriptorSets")?;
-            let set = sets.first().copied().unwrap_or_default();
-            for ((at, binding), plane) in (0..).zip(contract.bindings).zip(planes) {
-                let image = [vk::DescriptorImageInfo::default().image_view(plane.view).image_layout(plane.layout)];
-                let write = vk::WriteDescriptorSet::default()
-                    .dst_set(set)
-                    .dst_binding(at)
-                    .descriptor_type(descriptor_type(binding.ty))
-                    .image_info(&image);
-                // SAFETY: the set is new, so not in flight; the caller vouches for the views.
-                unsafe { device.update_descriptor_sets(&[write], &[]) };
-            }
-            made.sets.insert(contract.name, set);
-        }
-        Ok(made)
-    }
-}
-
-impl Drop for ImageSets {
-    fn drop(&mut self) {
-        // SAFETY: a binding outlives the commands that use it; its sets go with the pool.
-        unsafe { self.engine.device.raw().destroy_descriptor_pool(self.pool, None) };
     }
 }

@@ -1,5 +1,6 @@
 //! The executor: dispatches into a command buffer.
 
+use crate::descriptors::DescriptorSets;
 use crate::error::{Error, Result};
 use crate::kernels::contract::Contract;
 use crate::kernels::{Addresses, Variants};
@@ -7,6 +8,7 @@ use crate::plan::Dispatch;
 use crate::vk::device::Device;
 use crate::vk::pipeline::Pipeline;
 use crate::vk::submit;
+use crate::vk::timestamps::Timestamps;
 use ash::vk;
 use std::collections::HashMap;
 use std::sync::{Arc, Mutex, PoisonError};
@@ -53,8 +55,10 @@ pub(crate) struct Recording<'a> {
     pub addresses: Addresses<'a>,
     /// One for each dispatch.
     pub pipelines: &'a [Arc<Pipeline>],
-    /// Descriptor sets of the kernels that read images, by contract name.
-    pub sets: &'a HashMap<&'static str, vk::DescriptorSet>,
+    /// Made for these dispatches.
+    pub sets: &'a DescriptorSets,
+    /// Where the time before and after every dispatch goes: two timestamps each, from the number on.
+    pub timestamps: Option<(&'a Timestamps, u32)>,
 }
 
 impl Recording<'_> {
@@ -67,6 +71,10 @@ impl Recording<'_> {
     pub unsafe fn record(&self, commands: vk::CommandBuffer, dispatches: &[Dispatch]) {
         let device = self.device.raw();
         let mut bound = vk::Pipeline::null();
+        if let Some((timestamps, first)) = self.timestamps {
+            // SAFETY: the caller vouches for `commands`.
+            unsafe { timestamps.reset(commands, first, 2 * dispatches.len() as u32) };
+        }
         for (i, (dispatch, pipeline)) in dispatches.iter().zip(self.pipelines).enumerate() {
             if i == 0 || dispatch.barrier {
                 // SAFETY: the caller vouches for `commands`.
@@ -81,14 +89,26 @@ impl Recording<'_> {
                     device.cmd_bind_pipeline(commands, vk::PipelineBindPoint::COMPUTE, pipeline.raw);
                     bound = pipeline.raw;
                 }
-                if let Some(set) = self.sets.get(kernel.contract(self.variants).name) {
+                let set = self.sets.of(i);
+                if set != vk::DescriptorSet::null() {
                     let point = vk::PipelineBindPoint::COMPUTE;
-                    device.cmd_bind_descriptor_sets(commands, point, pipeline.layout, 0, &[*set], &[]);
+                    device.cmd_bind_descriptor_sets(commands, point, pipeline.layout, 0, &[set], &[]);
                 }
                 let stage = vk::ShaderStageFlags::COMPUTE;
                 device.cmd_push_constants(commands, pipeline.layout, stage, 0, push.as_slice());
+                self.timestamp(commands, 2 * i as u32);
                 device.cmd_dispatch(commands, x, y, z);
+                self.timestamp(commands, 2 * i as u32 + 1);
             }
+        }
+    }
+
+    /// # Safety
+    /// As [`Recording::record`].
+    unsafe fn timestamp(&self, commands: vk::CommandBuffer, at: u32) {
+        if let Some((timestamps, first)) = self.timestamps {
+            // SAFETY: the caller vouches for `commands`; `record` begins with the reset.
+            unsafe { timestamps.write(commands, first + at) };
         }
     }
 

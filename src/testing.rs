@@ -1,21 +1,22 @@
 //! For this crate's own tests and benchmarks: single kernels on a device, with sentinels around every buffer.
 
 use crate::denoiser::{Denoiser, Options};
+use crate::descriptors::{DescriptorSets, Resources};
 use crate::engine;
 use crate::error::{Error, Result};
 use crate::frame::{Frame, Layout, PlaneMut};
 use crate::kernels::contract::Need;
-use crate::kernels::{Addresses, BufferId, Call, FrameArgs, PlaneArgs, Variants};
+use crate::kernels::{Addresses, BufferId, Call, FrameArgs, PlaneArgs, TexelRange, Variants};
 use crate::net::graph::Stage;
 use crate::net::weights::Weights;
 use crate::plan::{Dispatch, ELEMENT_BYTES, Plan};
 use crate::record::{Pipelines, Recording};
+use crate::vk::caps::TEXEL_BYTES;
 use crate::vk::device::Device;
 use crate::vk::memory::Buffer;
 use crate::vk::submit::{self, Submission};
 use ash::vk;
 use gpu_allocator::MemoryLocation;
-use std::collections::HashMap;
 
 /// Bytes of sentinel before and after every buffer.
 const GUARD: usize = 256;
@@ -121,6 +122,14 @@ impl Bench {
         let dispatches: Vec<_> = calls.iter().map(dispatch).collect();
         let pipelines = self.pipelines.for_dispatches(&dispatches, self.variants)?;
         let Self { submission, device, buffers, variants, planes, .. } = self;
+        let texels = |range: &TexelRange| {
+            let (_, buffer) = &buffers[range.buffer.0];
+            let offset = GUARD as u64 + u64::from(range.first) * ELEMENT_BYTES;
+            (buffer.raw(), offset, (buffer.size() - GUARD as u64 - offset) / TEXEL_BYTES * TEXEL_BYTES)
+        };
+        let resources = Resources { images: None, texels: &texels };
+        // SAFETY: the buffers live in `self`, and `run` waits.
+        let sets = unsafe { DescriptorSets::new(device, &dispatches, &pipelines, *variants, &resources)? };
         let recording = Recording {
             device,
             variants: *variants,
@@ -130,7 +139,8 @@ impl Bench {
                 frame: *planes,
             },
             pipelines: &pipelines,
-            sets: &HashMap::new(),
+            sets: &sets,
+            timestamps: None,
         };
         submission.record(|commands| {
             // SAFETY: the command buffer is ours; the buffers live in `self`, and `run` waits.

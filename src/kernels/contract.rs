@@ -31,13 +31,15 @@ pub struct Field {
     pub ty: FieldType,
 }
 
-/// What a descriptor binding of set 0 holds. Buffers are not bound: they come as device addresses.
+/// What a descriptor binding of set 0 holds. Storage buffers are not bound: they come as device addresses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum BindingType {
     /// `texture2D`, read with `texelFetch`.
     SampledImage,
     /// `image2D`, written.
     StorageImage,
+    /// `samplerBuffer` of four 32-bit floats a texel, read.
+    TexelBuffer,
 }
 
 /// One descriptor of set 0; its binding number is its position.
@@ -78,22 +80,42 @@ pub struct Contract {
 /// An optional device feature that a variant needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Need {
-    /// `subgroupBroadcast` in compute shaders, at least 8 invocations a subgroup; `shaderInt64`.
+    /// `subgroupShuffle` in compute shaders, at least 8 invocations a subgroup; `shaderInt64`; texel buffers that may
+    /// begin at every texel.
     CpuDriver,
     /// `storageBuffer16BitAccess`.
     Storage16,
+    /// `shaderFloat16`.
+    Float16,
 }
 
 impl std::fmt::Display for Need {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(match self {
-            Self::CpuDriver => "subgroupBroadcast over 8 lanes and shaderInt64",
+            Self::CpuDriver => "subgroupShuffle over 8 lanes, shaderInt64 and minTexelBufferOffsetAlignment 16",
             Self::Storage16 => "storageBuffer16BitAccess",
+            Self::Float16 => "shaderFloat16",
         })
     }
 }
 
 impl Contract {
+    /// The number that the variant defines as `name`; 0 where it defines none.
+    pub fn define(&self, name: &str) -> u64 {
+        let value = self.defines.iter().find(|(key, _)| *key == name).and_then(|(_, value)| value.parse().ok());
+        value.unwrap_or(0)
+    }
+
+    /// Whether the variant defines `name`.
+    pub fn has(&self, name: &str) -> bool {
+        self.defines.iter().any(|(key, _)| *key == name)
+    }
+
+    /// The kernel that it is a variant of: the name of its shader.
+    pub fn kernel(&self) -> &'static str {
+        self.source.trim_end_matches(".comp")
+    }
+
     /// Size of the push-constant block in bytes.
     pub const fn push_size(&self) -> u32 {
         let mut size = 0;

@@ -135,6 +135,16 @@ push_constants! {
     }
 }
 
+push_constants! {
+    /// Multiply-adds for their own sake.
+    RoofFmaPush { dst: Address, rounds: U32, factor: F32 }
+}
+
+push_constants! {
+    /// A copy for its own sake.
+    RoofCopyPush { src: Address, dst: Address }
+}
+
 /// Variants that differ only in what a shader is compiled for.
 const BASE: Contract =
     Contract { name: "", source: "", defines: &[], push: &[], bindings: &[], constants: &[], needs: &[] };
@@ -156,6 +166,24 @@ const OUTPUT_IMAGES: &[Binding] = &[
 
 const CPU: &[Need] = &[Need::CpuDriver];
 
+const SRC_TEXELS: Binding = Binding { name: "src_texels", ty: BindingType::TexelBuffer };
+const WEIGHTS_TEXELS: Binding = Binding { name: "weights_texels", ty: BindingType::TexelBuffer };
+const FILM_TEXELS: Binding = Binding { name: "film_texels", ty: BindingType::TexelBuffer };
+const RESIDUAL_TEXELS: Binding = Binding { name: "residual_texels", ty: BindingType::TexelBuffer };
+const CONV_TEXELS: &[Binding] = &[SRC_TEXELS, WEIGHTS_TEXELS, FILM_TEXELS, RESIDUAL_TEXELS];
+const LINEAR_TEXELS: &[Binding] = &[
+    SRC_TEXELS,
+    WEIGHTS_TEXELS,
+    FILM_TEXELS,
+    RESIDUAL_TEXELS,
+    Binding { name: "src_b_texels", ty: BindingType::TexelBuffer },
+];
+const MAP_TEXELS: &[Binding] = &[SRC_TEXELS, WEIGHTS_TEXELS];
+const ATTENTION_TEXELS: &[Binding] = &[
+    Binding { name: "x_texels", ty: BindingType::TexelBuffer },
+    Binding { name: "f_texels", ty: BindingType::TexelBuffer },
+];
+
 macro_rules! contracts {
     ($($(#[$meta:meta])* $konst:ident = $name:literal $source:literal $push:ident
        { $($key:literal : $value:literal),* } $bindings:expr, $needs:expr;)*) => {
@@ -169,45 +197,45 @@ macro_rules! contracts {
 }
 
 // TX x TY outputs and 4 * NV channels an invocation: 2x2 keeps a GPU's registers, more suits CPU drivers, on which a
-// load is one scalar load per lane: there lanes share weights (WEIGHTS_BROADCAST) and load 64 bits at once (WIDE_ACCESS).
+// load costs more than the arithmetic it feeds: there lanes share weights (WEIGHTS_SHARED) and load whole vectors (TEXELS).
 contracts! {
     /// Convolution, stride 1, tiles of 32 channels.
     CONV3X3 = "conv3x3" "conv3x3.comp" Conv3x3Push
         { "STRIDE": "1", "TX": "2", "TY": "2", "NV": "8" } &[], &[];
     /// The same for CPU drivers.
     CONV3X3_CPU = "conv3x3_cpu" "conv3x3.comp" Conv3x3Push
-        { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_BROADCAST": "1", "WIDE_ACCESS": "1" } &[], CPU;
+        { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_SHARED": "1", "TEXELS": "1" } CONV_TEXELS, CPU;
     /// Convolution, stride 2.
     CONV3X3_S2 = "conv3x3_s2" "conv3x3.comp" Conv3x3Push
         { "STRIDE": "2", "TX": "2", "TY": "2", "NV": "8" } &[], &[];
     /// The same for CPU drivers.
     CONV3X3_S2_CPU = "conv3x3_s2_cpu" "conv3x3.comp" Conv3x3Push
-        { "STRIDE": "2", "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_BROADCAST": "1", "WIDE_ACCESS": "1" } &[], CPU;
+        { "STRIDE": "2", "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_SHARED": "1", "TEXELS": "1" } CONV_TEXELS, CPU;
     /// Convolution to at most 4 channels.
     CONV3X3_N4 = "conv3x3_n4" "conv3x3.comp" Conv3x3Push
         { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "1" } &[], &[];
     /// The same for CPU drivers.
     CONV3X3_N4_CPU = "conv3x3_n4_cpu" "conv3x3.comp" Conv3x3Push
-        { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "1", "WIDE_ACCESS": "1" } &[], CPU;
+        { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "1", "TEXELS": "1" } CONV_TEXELS, CPU;
     /// Pointwise convolution, tiles of 32 channels.
     LINEAR = "linear" "linear.comp" LinearPush { "TX": "2", "TY": "2", "NV": "8" } &[], &[];
     /// The same for CPU drivers.
     LINEAR_CPU = "linear_cpu" "linear.comp" LinearPush
-        { "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_BROADCAST": "1", "WIDE_ACCESS": "1" } &[], CPU;
+        { "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_SHARED": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU;
     /// Depthwise convolution.
     DEPTHWISE3X3 = "depthwise3x3" "depthwise3x3.comp" Depthwise3x3Push { "TX": "4", "TY": "2" } &[], &[];
     /// The same for CPU drivers.
     DEPTHWISE3X3_CPU = "depthwise3x3_cpu" "depthwise3x3.comp" Depthwise3x3Push
-        { "TX": "8", "TY": "4", "WIDE_ACCESS": "1" } &[], CPU;
+        { "TX": "8", "TY": "4", "TEXELS": "1" } MAP_TEXELS, CPU;
     /// Layer normalisation.
     LAYER_NORM = "layer_norm" "layer_norm.comp" LayerNormPush {} &[], &[];
     /// The same for CPU drivers.
-    LAYER_NORM_CPU = "layer_norm_cpu" "layer_norm.comp" LayerNormPush { "WIDE_ACCESS": "1" } &[], CPU;
+    LAYER_NORM_CPU = "layer_norm_cpu" "layer_norm.comp" LayerNormPush { "TEXELS": "1" } MAP_TEXELS, CPU;
     /// Joint window attention.
     WINDOW_ATTENTION = "window_attention" "window_attention.comp" WindowAttentionPush {} &[], &[];
     /// The same for CPU drivers.
     WINDOW_ATTENTION_CPU = "window_attention_cpu" "window_attention.comp" WindowAttentionPush
-        { "WIDE_ACCESS": "1" } &[], CPU;
+        { "TEXELS": "1" } ATTENTION_TEXELS, CPU;
     /// Partial sums of tokens.
     TOKEN_SUM = "token_sum" "token_sum.comp" TokenSumPush {} &[], &[];
     /// FiLM vectors.
@@ -245,4 +273,12 @@ contracts! {
     /// Output to an rgba16f image.
     OUTPUT_IMAGE_F16 = "output_image_f16" "output.comp" OutputPush
         { "IMAGES": "1", "TARGET_FORMAT": "rgba16f", "TARGET_MAX": "65504.0" } OUTPUT_IMAGES, &[];
+    /// Multiply-adds of 32-bit floats.
+    ROOF_FMA_F32 = "roof_fma_f32" "roof_fma.comp" RoofFmaPush {} &[], &[];
+    /// Multiply-adds of pairs of halves.
+    ROOF_FMA_F16 = "roof_fma_f16" "roof_fma.comp" RoofFmaPush { "HALF": "1" } &[], &[Need::Float16];
+    /// A copy of 32-bit floats.
+    ROOF_COPY_F32 = "roof_copy_f32" "roof_copy.comp" RoofCopyPush {} &[], &[];
+    /// A copy of halves.
+    ROOF_COPY_F16 = "roof_copy_f16" "roof_copy.comp" RoofCopyPush { "STORAGE_F16": "1" } &[], &[Need::Storage16, Need::Float16];
 }

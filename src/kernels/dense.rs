@@ -3,7 +3,7 @@
 use super::contract::Contract;
 use super::contracts::{self, Conv3x3Push, LinearPush};
 use super::{
-    Activation, Addresses, BufferId, Kernel, PushBytes, Shuffle, Tiles, Traffic, Variants, View, activation_flag, flags,
+    Activation, Addresses, BufferId, Kernel, PushBytes, Shuffle, TexelRange, Tiles, Traffic, Variants, View, activation_flag, flags,
     groups,
 };
 
@@ -104,6 +104,10 @@ impl Kernel for Conv3x3 {
         })
     }
 
+    fn texels(&self) -> Vec<TexelRange> {
+        dense_texels(&self.src, self.weights, self.film, self.residual.as_ref())
+    }
+
     fn traffic(&self, element: u64) -> Traffic {
         let weights = (u64::from(self.src.channels) * 9 + 1) * u64::from(self.channels) * 4;
         let mut traffic = dense_traffic(&[&self.src], &self.dst, self.weights, weights, element);
@@ -174,6 +178,12 @@ impl Kernel for Linear {
         })
     }
 
+    fn texels(&self) -> Vec<TexelRange> {
+        let mut ranges = dense_texels(&self.src, self.weights, self.film, self.residual.as_ref());
+        ranges.push(self.src_b.as_ref().unwrap_or(&self.src).into());
+        ranges
+    }
+
     fn traffic(&self, element: u64) -> Traffic {
         let weights = u64::from(self.inputs() + 1) * u64::from(self.dst.channels) * 4;
         let sources: Vec<&View> = [Some(&self.src), self.src_b.as_ref()].into_iter().flatten().collect();
@@ -189,6 +199,11 @@ fn epilogue_flags(activation: Activation, film: Option<BufferId>, residual: Opti
         | tiles.flag()
         | film.map_or(0, |_| flags::FILM)
         | residual.map_or(0, |_| flags::RESIDUAL)
+}
+
+/// A descriptor must be valid although its buffer is never read: the source stands in for what is missing.
+fn dense_texels(src: &View, weights: BufferId, film: Option<BufferId>, residual: Option<&View>) -> Vec<TexelRange> {
+    vec![src.into(), weights.into(), film.unwrap_or(weights).into(), residual.unwrap_or(src).into()]
 }
 
 fn dense_traffic(sources: &[&View], dst: &View, weights: BufferId, weight_bytes: u64, element: u64) -> Traffic {

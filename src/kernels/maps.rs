@@ -2,7 +2,7 @@
 
 use super::contract::Contract;
 use super::contracts::{self, Depthwise3x3Push, LayerNormPush};
-use super::{Activation, Addresses, BufferId, Kernel, PushBytes, TILE, Tiles, Traffic, Variants, View, activation_flag, groups};
+use super::{Activation, Addresses, BufferId, Kernel, PushBytes, TILE, TexelRange, Tiles, Traffic, Variants, View, activation_flag, groups};
 
 /// Channels of one workgroup of the depthwise kernel.
 const DEPTHWISE_CHANNELS: u32 = 32;
@@ -48,6 +48,10 @@ impl Kernel for Depthwise3x3 {
         })
     }
 
+    fn texels(&self) -> Vec<TexelRange> {
+        vec![(&self.src).into(), self.weights.into()]
+    }
+
     fn traffic(&self, element: u64) -> Traffic {
         map_traffic(&self.src, &self.dst, (self.weights, u64::from(self.dst.channels) * 40), element)
     }
@@ -90,6 +94,10 @@ impl Kernel for LayerNorm {
             flags: self.tiles.flag(),
             unused: 0,
         })
+    }
+
+    fn texels(&self) -> Vec<TexelRange> {
+        vec![(&self.src).into(), self.weights.into()]
     }
 
     fn traffic(&self, element: u64) -> Traffic {

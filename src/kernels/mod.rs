@@ -4,6 +4,7 @@
 //! A kernel is four things of one name: `glsl/x.comp`, its contract in [`contracts`], its arguments here, and its f64
 //! twin in [`crate::reference`].
 
+mod accesses;
 pub mod contract;
 pub mod contracts;
 pub mod dense;
@@ -17,6 +18,7 @@ pub mod window_attention;
 use contract::Contract;
 
 pub use crate::net::graph::{Activation, Shuffle};
+pub use accesses::Accesses;
 
 /// Side of a tile in tokens: the attention window, and the grain of every list of active tiles.
 pub const TILE: u32 = 8;
@@ -150,6 +152,27 @@ pub struct Traffic {
     pub writes: Vec<(BufferId, u64)>,
 }
 
+/// Activations of a plan's buffer from `first` on, as a kernel reads them through a texel buffer.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TexelRange {
+    /// The buffer.
+    pub buffer: BufferId,
+    /// First element, a multiple of four.
+    pub first: u32,
+}
+
+impl From<&View> for TexelRange {
+    fn from(view: &View) -> Self {
+        Self { buffer: view.buffer, first: view.first }
+    }
+}
+
+impl From<BufferId> for TexelRange {
+    fn from(buffer: BufferId) -> Self {
+        Self { buffer, first: 0 }
+    }
+}
+
 /// How the device prefers its kernels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Variants {
@@ -191,6 +214,10 @@ pub trait Kernel {
     fn groups(&self, variants: Variants) -> [u32; 3];
     /// Push constants.
     fn push(&self, at: &Addresses) -> PushBytes;
+    /// What the texel buffers of its contract hold, in their order, where the variant has any.
+    fn texels(&self) -> Vec<TexelRange> {
+        Vec::new()
+    }
     /// Memory that it touches. `element` is the size of an activation in bytes.
     fn traffic(&self, element: u64) -> Traffic;
 }

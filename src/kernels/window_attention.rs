@@ -2,7 +2,7 @@
 
 use super::contract::Contract;
 use super::contracts::{self, WindowAttentionPush};
-use super::{Addresses, BufferId, Kernel, PushBytes, TILE, Tiles, Traffic, Variants, View, groups};
+use super::{Addresses, BufferId, Kernel, PushBytes, TILE, TexelRange, Tiles, Traffic, Variants, View, groups};
 
 /// Head by head: `softmax((Q K^T / sqrt(d) + B) * (Qf Kf^T / sqrt(d) + B)) V`, the product element by element.
 #[derive(Clone, Debug, PartialEq)]
@@ -54,6 +54,10 @@ impl Kernel for WindowAttention {
             flags: self.tiles.flag(),
             unused: 0,
         })
+    }
+
+    fn texels(&self) -> Vec<TexelRange> {
+        vec![(&self.x).into(), (&self.f).into()]
     }
 
     fn traffic(&self, element: u64) -> Traffic {

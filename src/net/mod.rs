@@ -15,6 +15,7 @@ pub mod cost;
 pub mod graph;
 mod hashed;
 mod named;
+mod part;
 pub mod table;
 mod unet;
 pub mod weights;

@@ -27,23 +27,44 @@ pub struct PlanOptions {
 /// # Errors
 /// [`Error::EmptyFrame`]; [`Error::FrameTooLarge`] where a map exceeds `max_block_bytes` or a side 262144 pixels.
 pub fn plan(graph: &Graph, extent: Extent, options: &PlanOptions) -> Result<Plan> {
-    extent.check()?;
-    let too_large = |reason| Error::FrameTooLarge { width: extent.width, height: extent.height, reason };
-    let multiple = graph.arch.pad_multiple();
-    if extent.width.max(extent.height) > MAX_SIDE - multiple {
-        return Err(too_large(format!("sides of more than {} pixels are not supported", MAX_SIDE - multiple)));
-    }
-    let padded = Extent::new(extent.width.next_multiple_of(multiple), extent.height.next_multiple_of(multiple));
-    let mut lowering = Lowering::new(graph, extent, padded);
+    let mut lowering = Lowering::new(graph, extent, padded(graph, extent)?);
     lowering.frame_in();
     for op in &graph.ops {
         lowering.op(op);
     }
     lowering.frame_out();
-    lowering.finish(options).map_err(|bytes| {
-        let limit = options.max_block_bytes;
-        too_large(format!("one feature map takes {bytes} bytes, and the device allocates at most {limit} at once"))
-    })
+    lowering.finish(options, &[]).map_err(|bytes| map_too_large(extent, bytes, options))
+}
+
+/// Plans a graph's operations alone, without the frame around them: the caller fills [`Plan::log_color`] and [`Plan::aux`]
+/// and reads [`Plan::residual`], which keep their places throughout.
+///
+/// # Errors
+/// As [`plan`].
+pub fn plan_part(graph: &Graph, extent: Extent, options: &PlanOptions) -> Result<Plan> {
+    let mut lowering = Lowering::new(graph, extent, padded(graph, extent)?);
+    let kept = [graph.color, graph.aux, graph.residual].map(|value| lowering.value(value));
+    for op in &graph.ops {
+        lowering.op(op);
+    }
+    lowering.finish(options, &kept).map_err(|bytes| map_too_large(extent, bytes, options))
+}
+
+/// The size that the network works on.
+fn padded(graph: &Graph, extent: Extent) -> Result<Extent> {
+    extent.check()?;
+    let multiple = graph.arch.pad_multiple();
+    if extent.width.max(extent.height) > MAX_SIDE - multiple {
+        let reason = format!("sides of more than {} pixels are not supported", MAX_SIDE - multiple);
+        return Err(Error::FrameTooLarge { width: extent.width, height: extent.height, reason });
+    }
+    Ok(Extent::new(extent.width.next_multiple_of(multiple), extent.height.next_multiple_of(multiple)))
+}
+
+fn map_too_large(extent: Extent, bytes: u64, options: &PlanOptions) -> Error {
+    let limit = options.max_block_bytes;
+    let reason = format!("one feature map takes {bytes} bytes, and the device allocates at most {limit} at once");
+    Error::FrameTooLarge { width: extent.width, height: extent.height, reason }
 }
 
 /// A mean that the next kernel finishes: partial sums.
@@ -303,8 +324,9 @@ impl<'a> Lowering<'a> {
         Call::LayerNorm(maps::LayerNorm { src: self.view(input), dst, weights, tiles: Tiles::All })
     }
 
-    /// Places the buffers and finds the barriers. Fails with the size of a buffer that no block holds.
-    fn finish(mut self, options: &PlanOptions) -> Result<Plan, u64> {
+    /// Places the buffers, those of `kept` for all the time, and finds the barriers. Fails with the size of a buffer that no
+    /// block holds.
+    fn finish(mut self, options: &PlanOptions, kept: &[BufferId]) -> Result<Plan, u64> {
         let end = self.dispatches.len();
         let mut times: Vec<Option<(usize, usize)>> = vec![None; self.buffers.len()];
         for (at, dispatch) in self.dispatches.iter().enumerate() {
@@ -321,7 +343,8 @@ impl<'a> Lowering<'a> {
             .iter()
             .filter_map(|&i| times[i].map(|time| (i, time)))
             .map(|(i, (first, last))| {
-                let (first, last) = if options.keep_all { (0, end) } else { (first, last) };
+                let always = options.keep_all || kept.contains(&BufferId(i));
+                let (first, last) = if always { (0, end) } else { (first, last) };
                 Request { bytes: self.buffers[i].bytes, first, last }
             })
             .collect();

@@ -11,7 +11,7 @@ use crate::kernels::{BufferId, Call, Traffic, View};
 use crate::net::graph::Stage;
 use pack::Pack;
 
-pub use lower::{PlanOptions, plan};
+pub use lower::{PlanOptions, plan, plan_part};
 
 /// Where a buffer of the plan lies.
 #[derive(Clone, Debug, PartialEq)]

@@ -63,25 +63,45 @@ pub struct Caps {
     pub max_groups: [u32; 3],
     /// Invocations of a subgroup.
     pub subgroup_size: u32,
-    /// `subgroupBroadcast` in compute shaders.
-    pub subgroup_ballot: bool,
+    /// `subgroupShuffle` in compute shaders.
+    pub subgroup_shuffle: bool,
+    /// Texels that a texel buffer may have.
+    pub max_texels: u32,
+    /// Whether a texel buffer of 16-byte texels may begin at each of them.
+    pub texels_anywhere: bool,
     /// `shaderInt64` (enabled).
     pub int64: bool,
     /// `storageBuffer16BitAccess` (enabled).
     pub storage16: bool,
+    /// `shaderFloat16` (enabled).
+    pub float16: bool,
     /// Nanoseconds per timestamp tick; 0 where the queue has no timestamps.
     pub timestamp_period: f32,
+    /// Bits of a timestamp that count.
+    pub timestamp_bits: u32,
 }
 
 /// Smallest subgroup of [`Need::CpuDriver`]: eight lanes share weights.
 const SHARING_LANES: u32 = 8;
 
+/// Size of a texel: four 32-bit floats.
+pub(crate) const TEXEL_BYTES: u64 = 16;
+
 impl Caps {
+    /// The same on a queue whose timestamps have `bits` bits; 0: it has none.
+    pub(crate) fn with_timestamp_bits(self, bits: u32) -> Self {
+        let timestamp_period = if bits == 0 { 0.0 } else { self.timestamp_period };
+        Self { timestamp_period, timestamp_bits: bits, ..self }
+    }
+
     /// Whether the device has what a kernel variant needs beyond the portable set.
     pub fn meets(&self, need: Need) -> bool {
         match need {
-            Need::CpuDriver => self.subgroup_ballot && self.subgroup_size >= SHARING_LANES && self.int64,
+            Need::CpuDriver => {
+                self.subgroup_shuffle && self.subgroup_size >= SHARING_LANES && self.int64 && self.texels_anywhere
+            }
             Need::Storage16 => self.storage16,
+            Need::Float16 => self.float16,
         }
     }
 }
@@ -119,8 +139,7 @@ pub(crate) fn inspect(instance: &ash::Instance, physical: vk::PhysicalDevice, in
     let mut driver = vk::PhysicalDeviceDriverProperties::default();
     let mut subgroup = vk::PhysicalDeviceSubgroupProperties::default();
     let mut maintenance3 = vk::PhysicalDeviceMaintenance3Properties::default();
-    let mut properties =
-        vk::PhysicalDeviceProperties2::default().push_next(&mut subgroup).push_next(&mut maintenance3);
+    let mut properties = vk::PhysicalDeviceProperties2::default().push_next(&mut subgroup).push_next(&mut maintenance3);
     // SAFETY: `physical` comes from `instance`; the chained structs live until the call returns.
     let base = unsafe { instance.get_physical_device_properties(physical) };
     // The driver's properties are core from 1.2 on; an older device is refused below without asking it.
@@ -135,8 +154,7 @@ pub(crate) fn inspect(instance: &ash::Instance, physical: vk::PhysicalDevice, in
     let mut features12 = vk::PhysicalDeviceVulkan12Features::default();
     let mut features11 = vk::PhysicalDeviceVulkan11Features::default();
     if modern {
-        let mut features =
-            vk::PhysicalDeviceFeatures2::default().push_next(&mut features12).push_next(&mut features11);
+        let mut features = vk::PhysicalDeviceFeatures2::default().push_next(&mut features12).push_next(&mut features11);
         // SAFETY: as above.
         unsafe { instance.get_physical_device_features2(physical, &mut features) };
     }
@@ -191,11 +209,16 @@ pub(crate) fn inspect(instance: &ash::Instance, physical: vk::PhysicalDevice, in
         memory_bytes,
         max_groups: limits.max_compute_work_group_count,
         subgroup_size: subgroup.subgroup_size,
-        subgroup_ballot: subgroup.supported_stages.contains(vk::ShaderStageFlags::COMPUTE)
-            && subgroup.supported_operations.contains(vk::SubgroupFeatureFlags::BALLOT),
+        subgroup_shuffle: subgroup.supported_stages.contains(vk::ShaderStageFlags::COMPUTE)
+            && subgroup.supported_operations.contains(vk::SubgroupFeatureFlags::SHUFFLE),
+        max_texels: limits.max_texel_buffer_elements,
+        texels_anywhere: limits.min_texel_buffer_offset_alignment <= TEXEL_BYTES,
         int64: features10.shader_int64 == vk::TRUE,
         storage16: features11.storage_buffer16_bit_access == vk::TRUE,
+        float16: features12.shader_float16 == vk::TRUE,
         timestamp_period: limits.timestamp_period,
+        // The queue's own, once it is known.
+        timestamp_bits: 0,
     };
     (info, caps)
 }

@@ -146,8 +146,11 @@ impl Device {
             return Err(Error::Unsupported { device: info.name, missing: "a compute queue".into() });
         };
         let priorities = [1.0];
-        let queues = [vk::DeviceQueueCreateInfo::default().queue_family_index(queue_family).queue_priorities(&priorities)];
-        let mut features12 = vk::PhysicalDeviceVulkan12Features::default().buffer_device_address(true);
+        let queues =
+            [vk::DeviceQueueCreateInfo::default().queue_family_index(queue_family).queue_priorities(&priorities)];
+        let mut features12 = vk::PhysicalDeviceVulkan12Features::default()
+            .buffer_device_address(true)
+            .shader_float16(caps.float16);
         let mut features11 = vk::PhysicalDeviceVulkan11Features::default().storage_buffer16_bit_access(caps.storage16);
         let features = vk::PhysicalDeviceFeatures::default().shader_int64(caps.int64);
         let create = vk::DeviceCreateInfo::default()
@@ -159,7 +162,7 @@ impl Device {
         let raw = unsafe { instance.raw.create_device(physical, &create, None) }.called("vkCreateDevice")?;
         // SAFETY: the family and the one queue of it were just created.
         let queue = unsafe { raw.get_device_queue(queue_family, 0) };
-        let caps = Caps { timestamp_period: if timestamp_bits == 0 { 0.0 } else { caps.timestamp_period }, ..caps };
+        let caps = caps.with_timestamp_bits(timestamp_bits);
         let allocator = match allocator(&instance.raw, physical, &raw) {
             Ok(allocator) => allocator,
             Err(error) => {
@@ -191,7 +194,8 @@ impl Device {
     /// must have been created with everything of [`Device::requirements`] enabled, and with `storageBuffer16BitAccess` and
     /// `shaderInt64` where `storage_buffer_16bit` and `shader_int64` say so.
     pub unsafe fn from_renderer(renderer: RendererDevice) -> Result<Self> {
-        let RendererDevice { instance, physical_device, device, queue_family, storage_buffer_16bit, shader_int64 } = renderer;
+        let RendererDevice { instance, physical_device, device, queue_family, storage_buffer_16bit, shader_int64 } =
+            renderer;
         // SAFETY: the caller vouches for the handles.
         let physicals = unsafe { instance.enumerate_physical_devices() }.called("vkEnumeratePhysicalDevices")?;
         let index = physicals.iter().position(|p| *p == physical_device).unwrap_or(0);
@@ -209,8 +213,8 @@ impl Device {
         let caps = Caps {
             int64: caps.int64 && shader_int64,
             storage16: caps.storage16 && storage_buffer_16bit,
-            timestamp_period: if family.is_some_and(|f| f.timestamp_valid_bits > 0) { caps.timestamp_period } else { 0.0 },
-            ..caps
+            float16: false,
+            ..caps.with_timestamp_bits(family.map_or(0, |f| f.timestamp_valid_bits))
         };
         Ok(Self(Arc::new(Inner {
             info,
@@ -239,6 +243,11 @@ impl Device {
     pub fn validation_messages(&self) -> Vec<String> {
         let messages: Option<Messages> = self.0.owned.as_ref().map(OwnedInstance::messages);
         messages.map_or_else(Vec::new, |m| m.lock().unwrap_or_else(PoisonError::into_inner).clone())
+    }
+
+    /// Whether the queue writes timestamps, which [`crate::profile`] needs.
+    pub fn has_timestamps(&self) -> bool {
+        self.caps().timestamp_period > 0.0
     }
 
     pub(crate) fn caps(&self) -> &Caps {

@@ -27,6 +27,7 @@ impl Buffer {
         let vk_device = device.raw();
         let usage = vk::BufferUsageFlags::STORAGE_BUFFER
             | vk::BufferUsageFlags::SHADER_DEVICE_ADDRESS
+            | vk::BufferUsageFlags::UNIFORM_TEXEL_BUFFER
             | vk::BufferUsageFlags::TRANSFER_SRC
             | vk::BufferUsageFlags::TRANSFER_DST;
         let info = vk::BufferCreateInfo::default().size(size).usage(usage);
@@ -72,6 +73,11 @@ impl Buffer {
     /// The address that kernels use.
     pub fn address(&self) -> u64 {
         self.address
+    }
+
+    /// Bytes.
+    pub fn size(&self) -> u64 {
+        self.size
     }
 
     /// The bytes of a host-visible buffer.

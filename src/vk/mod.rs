@@ -7,6 +7,7 @@ pub mod instance;
 pub mod memory;
 pub mod pipeline;
 pub mod submit;
+pub mod timestamps;
 
 use crate::error::{Error, Result};
 use ash::vk;

@@ -79,6 +79,7 @@ pub(crate) fn descriptor_type(ty: BindingType) -> vk::DescriptorType {
     match ty {
         BindingType::SampledImage => vk::DescriptorType::SAMPLED_IMAGE,
         BindingType::StorageImage => vk::DescriptorType::STORAGE_IMAGE,
+        BindingType::TexelBuffer => vk::DescriptorType::UNIFORM_TEXEL_BUFFER,
     }
 }
 

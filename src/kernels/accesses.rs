@@ -1,0 +1,164 @@
+//! How often a kernel's invocations ask for memory, counted from the loops of its shader: what caches have to serve, where
+//! [`super::Traffic`] is what memory has to.
+
+use super::contract::Contract;
+use super::dense::{Conv3x3, Linear};
+use super::film::{FilmVector, TokenSum};
+use super::maps::{Depthwise3x3, LayerNorm};
+use super::window_attention::WindowAttention;
+use super::{Call, TILE, Variants};
+
+/// Loads and stores of all invocations of a dispatch together, each of a vector of four floats or, in shared memory and
+/// where the shader works on scalars, of one. Loads that only fetch arguments (tile lists) are left out.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Accesses {
+    /// Loads from buffers.
+    pub global_loads: u64,
+    /// Stores to buffers.
+    pub global_stores: u64,
+    /// Loads from shared memory.
+    pub shared_loads: u64,
+    /// Stores to shared memory.
+    pub shared_stores: u64,
+}
+
+impl Accesses {
+    /// Both kinds of access to buffers.
+    pub fn global(&self) -> u64 {
+        self.global_loads + self.global_stores
+    }
+
+    /// Both kinds of access to shared memory.
+    pub fn shared(&self) -> u64 {
+        self.shared_loads + self.shared_stores
+    }
+
+    fn each(invocations: u64, global_loads: u64, global_stores: u64) -> Self {
+        Self { global_loads: invocations * global_loads, global_stores: invocations * global_stores, ..Self::default() }
+    }
+}
+
+impl Call {
+    /// What the invocations ask of memory; `None` for the kernels over the caller's planes and their statistics, for which
+    /// it depends on the frame.
+    pub fn accesses(&self, variants: Variants) -> Option<Accesses> {
+        let contract = self.kernel().contract(variants);
+        Some(match self {
+            Self::Conv3x3(k) => conv3x3(k, contract),
+            Self::Linear(k) => linear(k, contract),
+            Self::Depthwise3x3(k) => depthwise3x3(k, contract),
+            Self::LayerNorm(k) => layer_norm(k),
+            Self::WindowAttention(k) => window_attention(k),
+            Self::TokenSum(k) => token_sum(k),
+            Self::FilmVector(k) => film_vector(k),
+            Self::StatsClear(_)
+            | Self::StatsHistogram(_)
+            | Self::StatsSelect(_)
+            | Self::StatsTiles(_)
+            | Self::StatsKey(_)
+            | Self::InputColor(_)
+            | Self::InputAux(_)
+            | Self::Output(_) => return None,
+        })
+    }
+}
+
+/// Outputs of one invocation: tokens in x and y, vectors of four channels.
+struct Block {
+    x: u64,
+    y: u64,
+    vectors: u64,
+}
+
+impl Block {
+    fn of(contract: &Contract) -> Self {
+        let [x, y, vectors] = ["TX", "TY", "NV"].map(|name| contract.define(name));
+        Self { x, y, vectors }
+    }
+
+    fn outputs(&self) -> u64 {
+        self.x * self.y * self.vectors
+    }
+
+    /// Loads of the weights of four input channels: all of them, or an eighth where the lanes hand them round.
+    fn weight_loads(&self, contract: &Contract) -> u64 {
+        let vectors = 4 * self.vectors;
+        if contract.has("WEIGHTS_BROADCAST") { vectors.div_ceil(8) } else { vectors }
+    }
+
+    /// Invocations for `tiles` of 8x8 tokens and `channels`.
+    fn invocations(&self, tiles: u32, channels: u32) -> u64 {
+        u64::from(tiles) * u64::from(TILE * TILE) / (self.x * self.y)
+            * u64::from(channels.div_ceil(4)).div_ceil(self.vectors)
+    }
+}
+
+/// What the epilogue loads for each vector of outputs.
+fn epilogue_loads(film: bool, residual: bool) -> u64 {
+    2 * u64::from(film) + u64::from(residual)
+}
+
+fn conv3x3(call: &Conv3x3, contract: &Contract) -> Accesses {
+    let (block, stride) = (Block::of(contract), u64::from(call.stride));
+    let (width, height) = call.result_size();
+    let patch_row = (block.x - 1) * stride + 3;
+    let per_four_inputs = 3 * (block.y * patch_row + 3 * block.weight_loads(contract));
+    let loads = block.vectors
+        + u64::from(call.src.channels / 4) * per_four_inputs
+        + block.outputs() * epilogue_loads(call.film.is_some(), call.residual.is_some());
+    // An unshuffle scatters scalars.
+    let stores = block.outputs() * if call.shuffle == super::Shuffle::Unshuffle { 4 } else { 1 };
+    Accesses::each(block.invocations(call.tiles.count(width, height), call.channels), loads, stores)
+}
+
+fn linear(call: &Linear, contract: &Contract) -> Accesses {
+    let block = Block::of(contract);
+    let inputs = call.src.channels + call.src_b.map_or(0, |b| b.channels);
+    let loads = block.vectors
+        + u64::from(inputs / 4) * (block.x * block.y + block.weight_loads(contract))
+        + block.outputs() * epilogue_loads(call.film.is_some(), call.residual.is_some());
+    let tiles = call.tiles.count(call.dst.width, call.dst.height);
+    Accesses::each(block.invocations(tiles, call.dst.channels), loads, block.outputs())
+}
+
+fn depthwise3x3(call: &Depthwise3x3, contract: &Contract) -> Accesses {
+    let [x, y] = ["TX", "TY"].map(|name| contract.define(name));
+    let tiles = call.tiles.count(call.dst.width, call.dst.height);
+    let invocations = u64::from(tiles) * u64::from(TILE * TILE) / (x * y) * u64::from(call.dst.channels / 4);
+    Accesses::each(invocations, 10 + (x + 2) * (y + 2), x * y)
+}
+
+fn layer_norm(call: &LayerNorm) -> Accesses {
+    let tokens = u64::from(call.tiles.count(call.dst.width, call.dst.height)) * u64::from(TILE * TILE);
+    let vectors = u64::from(call.src.channels / 4);
+    Accesses::each(tokens, 5 * vectors, vectors)
+}
+
+fn window_attention(call: &WindowAttention) -> Accesses {
+    let windows = u64::from(call.tiles.count(call.dst.width, call.dst.height)) * u64::from(call.heads);
+    let (keys, values) = (u64::from(call.key_width / 4), u64::from(call.value_width / 4));
+    // 256 invocations make 4x4 scores each, 64 go over a row three times, 16 tasks for each vector of values.
+    let (scores, rows, tasks) = (256, 64, 16 * values);
+    Accesses {
+        global_loads: windows * (scores * (16 * keys + 16) + tasks * 64),
+        global_stores: windows * tasks * 4,
+        shared_loads: windows * (rows * 128 + tasks * (64 * 4 + 4)),
+        shared_stores: windows * (scores * 16 + rows * 65),
+    }
+}
+
+fn token_sum(call: &TokenSum) -> Accesses {
+    let vectors = u64::from(call.src.channels / 4);
+    Accesses { global_loads: call.real_tokens() * vectors, global_stores: call.sums() * vectors, ..Accesses::default() }
+}
+
+fn film_vector(call: &FilmVector) -> Accesses {
+    let (channels, outputs) = (u64::from(call.channels), u64::from(call.outputs));
+    let ways = (256 / channels).max(1);
+    Accesses {
+        global_loads: call.sums * channels + outputs * (channels + 1),
+        global_stores: outputs,
+        shared_loads: channels * ways + outputs * channels,
+        shared_stores: channels * ways + channels,
+    }
+}

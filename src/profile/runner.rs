@@ -1,0 +1,111 @@
+//! Runs a part of a network over and over on a device of our own.
+
+use super::{KernelRecord, Profiler};
+use crate::engine::Engine;
+use crate::error::Result;
+use crate::frame::Extent;
+use crate::kernels::FrameArgs;
+use crate::net::graph::Graph;
+use crate::net::weights::Weights;
+use crate::pass::{Binding, FrameOptions, Pass};
+use crate::plan::{Plan, PlanOptions, plan_part};
+use crate::vk::device::Device;
+use crate::vk::submit::{Submission, barrier};
+use ash::vk;
+use std::sync::Arc;
+use std::time::Instant;
+
+/// What the maps hold before the first run: any ordinary number does, the work does not depend on it.
+const ANY_VALUE: f32 = 0.5;
+
+/// One run.
+#[derive(Clone, Debug)]
+pub struct TimedRun {
+    /// Milliseconds of the whole: by timestamps around it, or on the host where the device has none.
+    pub milliseconds: f64,
+    /// Its kernels; empty without timestamps.
+    pub records: Vec<KernelRecord>,
+}
+
+/// A part of a network ([`Graph::of_block`], [`Graph::of_convolution`]) on the device, without a frame around it.
+pub struct PartRunner {
+    // Fields drop in this order: the recording before what it uses.
+    submission: Submission,
+    profiler: Option<Profiler>,
+    binding: Binding,
+    pass: Pass,
+}
+
+impl PartRunner {
+    /// Plans `graph` for maps of `extent` tokens and puts it on the device. `options` chooses among lowerings; its limit on
+    /// memory is lowered to the device's own.
+    ///
+    /// # Errors
+    /// As [`crate::Denoiser::new`] and [`crate::Denoiser::pass`]; [`crate::Error::Binding`] on a renderer's device.
+    pub fn new(
+        device: &Device,
+        graph: &Graph,
+        weights: &Weights,
+        extent: Extent,
+        options: &PlanOptions,
+    ) -> Result<Self> {
+        let limit = Engine::max_block_bytes(device).min(options.max_block_bytes);
+        let plan = plan_part(graph, extent, &PlanOptions { max_block_bytes: limit, ..*options })?;
+        let engine = Arc::new(Engine::of_plan(device, graph.clone(), &plan, weights)?);
+        let pass = Pass::of_plan(&engine, plan)?;
+        // SAFETY: no images.
+        let binding = unsafe { pass.bind(None, engine.variants(), FrameArgs::default()) }?;
+        let profiler = if device.has_timestamps() { Some(Profiler::new(&pass, 1)?) } else { None };
+        let mut runner = Self { submission: Submission::new(device)?, profiler, binding, pass };
+        runner.fill()?;
+        runner.record()?;
+        Ok(runner)
+    }
+
+    /// What runs.
+    pub fn plan(&self) -> &Plan {
+        self.pass.plan()
+    }
+
+    /// Runs once and waits. The first run compiles.
+    ///
+    /// # Errors
+    /// [`crate::Error::DeviceLost`], [`crate::Error::Vulkan`].
+    pub fn run(&mut self) -> Result<TimedRun> {
+        let clock = Instant::now();
+        let device_ms = self.submission.run()?;
+        let milliseconds = device_ms.unwrap_or_else(|| clock.elapsed().as_secs_f64() * 1e3);
+        let records = match &self.profiler {
+            Some(profiler) => profiler.read(0)?.unwrap_or_default(),
+            None => Vec::new(),
+        };
+        Ok(TimedRun { milliseconds, records })
+    }
+
+    fn fill(&mut self) -> Result<()> {
+        let Self { submission, pass, .. } = self;
+        submission.record(|commands| {
+            let transfer = (vk::PipelineStageFlags::TRANSFER, vk::AccessFlags::TRANSFER_WRITE);
+            let shaders = vk::AccessFlags::SHADER_READ | vk::AccessFlags::SHADER_WRITE;
+            for block in pass.blocks() {
+                // SAFETY: the block is the pass's own, and `run` waits.
+                unsafe {
+                    let raw = pass.device().raw();
+                    raw.cmd_fill_buffer(commands, block.raw(), 0, vk::WHOLE_SIZE, ANY_VALUE.to_bits());
+                    barrier(pass.device(), commands, transfer, (vk::PipelineStageFlags::COMPUTE_SHADER, shaders));
+                }
+            }
+            Ok(())
+        })?;
+        submission.run().map(|_| ())
+    }
+
+    fn record(&mut self) -> Result<()> {
+        let Self { submission, profiler, binding, pass } = self;
+        let profiled = profiler.as_ref().map(|profiler| (profiler, 0));
+        submission.record(|commands| {
+            // SAFETY: the command buffer is ours, everything bound lives in `self`, and `run` waits.
+            unsafe { pass.record_with(commands, binding, &FrameOptions::default(), profiled) }
+        })
+    }
+}

@@ -1,0 +1,151 @@
+//! Times of kernels: on the host path, and in a renderer's command buffer with slots for two frames in flight.
+
+mod common;
+
+use common::device::{assert_no_validation_messages, device};
+use common::vulkan::Renderer;
+use cpu_time::ProcessTime;
+use std::sync::{Mutex, PoisonError};
+use vkdenoise::{
+    BufferFrame, BufferPlane, Denoiser, Device, DeviceKind, Error, Extent, Features, Frame, FrameOptions, KernelRecord,
+    Layout, Options, Plane, PlaneMut, Profiler, RendererDevice, SampleFormat, Weights,
+};
+
+const EXTENT: Extent = Extent::new(150, 100);
+
+/// Held by whoever runs: other work on the same cores would show in the times.
+static ALONE: Mutex<()> = Mutex::new(());
+
+/// One run of the host path.
+struct Run {
+    /// By the timestamps around the pass.
+    pass_ms: f64,
+    /// What it cost: of the CPU's time on CPU drivers, which other work on the machine does not stretch; else of the pass.
+    cost: f64,
+    records: Vec<KernelRecord>,
+}
+
+fn run(denoiser: &mut Denoiser, profile: bool) -> Run {
+    let rgb = Layout::interleaved(EXTENT, 3);
+    let color: Vec<f32> = (0..3 * EXTENT.pixels()).map(|i| (i * 7 % 13) as f32 * 0.1).collect();
+    let mut output = vec![0.0; color.len()];
+    let frame = Frame { extent: EXTENT, color: Plane::f32(&color, rgb), features: Features::default() };
+    denoiser.set_profiling(profile).unwrap();
+    let clock = ProcessTime::now();
+    let report = denoiser.denoise(&frame, PlaneMut::f32(&mut output, rgb)).unwrap();
+    let (cpu, pass_ms) = (clock.elapsed().as_secs_f64(), report.gpu_ms.unwrap());
+    let cost = if denoiser.device().info().kind == DeviceKind::Cpu { cpu } else { pass_ms };
+    Run { pass_ms, cost, records: denoiser.records().to_vec() }
+}
+
+fn median(values: &[f64]) -> f64 {
+    let mut sorted = values.to_vec();
+    sorted.sort_by(f64::total_cmp);
+    sorted[sorted.len() / 2]
+}
+
+fn total(records: &[KernelRecord]) -> f64 {
+    records.iter().map(|record| record.microseconds * 1e-3).sum()
+}
+
+/// Both within 5 %, by the median of pairs of runs: as many pairs as it takes, to a limit, since times vary.
+#[test]
+fn the_kernels_add_up_to_the_pass_and_timing_them_costs_little() {
+    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+    let mut denoiser = Denoiser::new(device(), &Weights::hybrid().unwrap(), &Options::default()).unwrap();
+    // Compiles.
+    run(&mut denoiser, true);
+    let (mut shares, mut slowdowns) = (Vec::new(), Vec::new());
+    let within = |shares: &[f64], slowdowns: &[f64]| median(shares) >= 0.95 && median(slowdowns) <= 1.05;
+    while shares.len() < 9 || (shares.len() < 40 && !within(&shares, &slowdowns)) {
+        let plain = run(&mut denoiser, false);
+        assert!(plain.records.is_empty());
+        let profiled = run(&mut denoiser, true);
+        shares.push(total(&profiled.records) / profiled.pass_ms);
+        slowdowns.push(profiled.cost / plain.cost);
+    }
+    let (share, slowdown) = (median(&shares), median(&slowdowns));
+    println!("{} pairs: kernels {share:.4} of the pass, slower by {slowdown:.4}", shares.len());
+    assert!(within(&shares, &slowdowns), "kernels are {share} of the pass, which is {slowdown} times slower");
+    assert!(shares.iter().all(|share| *share <= 1.0), "{shares:?}");
+    assert_no_validation_messages();
+}
+
+#[test]
+fn a_record_for_every_dispatch_in_order() {
+    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+    let mut denoiser = Denoiser::new(device(), &Weights::hybrid().unwrap(), &Options::default()).unwrap();
+    let plan = denoiser.pass(EXTENT).unwrap().plan().clone();
+    run(&mut denoiser, true);
+    let records = run(&mut denoiser, true).records;
+    assert_eq!(records.len(), plan.dispatches.len());
+    for (record, dispatch) in records.iter().zip(&plan.dispatches) {
+        assert_eq!((&record.name, record.stage, record.flops), (&dispatch.name, dispatch.stage, dispatch.flops));
+        assert!(record.microseconds > 0.0 && record.bytes() > 0, "{record:?}");
+    }
+    assert!(records.windows(2).all(|pair| pair[0].start + pair[0].microseconds <= pair[1].start));
+
+    // A time that belongs to another kernel would show here: most of the work is in the kernels that have FLOPs.
+    let dense: Vec<_> = records.iter().filter(|record| record.flops > 0).cloned().collect();
+    assert!(total(&dense) > 0.5 * total(&records), "{} ms of {}", total(&dense), total(&records));
+    assert_no_validation_messages();
+}
+
+#[test]
+fn a_renderers_frames_have_slots_of_their_own() {
+    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+    let renderer = Renderer::new();
+    let handles = RendererDevice {
+        instance: renderer.instance.clone(),
+        physical_device: renderer.physical_device,
+        device: renderer.device.clone(),
+        queue_family: renderer.queue_family,
+        storage_buffer_16bit: renderer.storage16,
+        shader_int64: renderer.int64,
+    };
+    // SAFETY: the handles are the renderer's, which lives to the end of the test.
+    let renderers_device = unsafe { Device::from_renderer(handles) }.unwrap();
+    let denoiser = Denoiser::new(&renderers_device, &Weights::hybrid().unwrap(), &Options::default()).unwrap();
+    let pass = denoiser.pass(EXTENT).unwrap();
+    let buffer = renderer.buffer(12 * EXTENT.pixels());
+    let plane = BufferPlane {
+        buffer: buffer.raw,
+        size: buffer.size,
+        format: SampleFormat::F32,
+        layout: Layout::interleaved(EXTENT, 3),
+    };
+    let frame = BufferFrame { color: plane, albedo: None, normal: None, depth: None, output: plane };
+    // SAFETY: the buffer lives to the end of the test.
+    let binding = unsafe { pass.bind_buffers(&frame) }.unwrap();
+
+    let profiler = Profiler::new(&pass, 2).unwrap();
+    assert!(profiler.read(0).unwrap().is_none(), "nothing was recorded");
+    // Both are submitted before either is waited for.
+    let fences = [0, 1].map(|slot| {
+        renderer.submit(|commands| {
+            // SAFETY: everything bound lives until the fences are waited for.
+            unsafe { pass.record_profiled(commands, &binding, &FrameOptions::default(), &profiler, slot) }.unwrap();
+            renderer.barrier_to_host(commands);
+        })
+    });
+    // Finished or not, this does not wait.
+    profiler.read(1).unwrap();
+    for (slot, fence) in (0..).zip(fences) {
+        renderer.wait(fence);
+        let records = profiler.read(slot).unwrap().expect("the fence was waited for");
+        assert_eq!(records.len(), pass.plan().dispatches.len());
+        assert!(records.iter().all(|record| record.microseconds > 0.0));
+    }
+
+    let other = denoiser.pass(Extent::new(8, 8)).unwrap();
+    let refused = Profiler::new(&other, 0);
+    assert!(matches!(refused, Err(Error::InvalidOption { option: "slots", .. })));
+    assert!(matches!(profiler.read(2), Err(Error::InvalidOption { option: "slot", .. })));
+    renderer.record_only(|commands| {
+        // SAFETY: nothing of it is submitted.
+        let recorded = unsafe { pass.record_profiled(commands, &binding, &FrameOptions::default(), &profiler, 2) };
+        assert!(matches!(recorded, Err(Error::InvalidOption { option: "slot", .. })));
+    });
+    drop((profiler, binding, other, pass, denoiser));
+    renderer.assert_silent();
+}

@@ -1,0 +1,76 @@
+//! `vkdenoise-profile` as a program: what it prints and writes.
+
+use serde_json::Value;
+use std::path::Path;
+use std::process::Command;
+
+fn run(arguments: &[&str]) -> Vec<u8> {
+    let output = Command::new(env!("CARGO_BIN_EXE_vkdenoise-profile")).args(arguments).output().unwrap();
+    assert!(output.status.success(), "{arguments:?}: {}", String::from_utf8_lossy(&output.stderr));
+    output.stdout
+}
+
+fn json(bytes: &[u8]) -> Value {
+    serde_json::from_slice(bytes).unwrap()
+}
+
+fn number(value: &Value, path: &str) -> f64 {
+    value.pointer(path).and_then(Value::as_f64).unwrap_or_else(|| panic!("no number {path}"))
+}
+
+#[test]
+fn a_network_in_every_form() {
+    let dir = tempfile::tempdir().unwrap();
+    let file = |name: &str| dir.path().join(name).display().to_string();
+    let (csv, trace, plot) = (file("k.csv"), file("k.json"), file("k.svg"));
+    let size = ["--size", "64x40", "--repeat", "3"];
+    let files = ["--csv", &csv, "--trace", &trace, "--plot", &plot];
+    let report = json(&run(&[&["network", "--json"][..], &size, &files].concat()));
+
+    let kernels = report["kernels"].as_array().unwrap();
+    assert!(kernels.len() > 90, "{} kernels", kernels.len());
+    for kernel in kernels {
+        let time = |what: &str| number(kernel, &format!("/microseconds/{what}"));
+        assert!(0.0 < time("min") && time("min") <= time("median") && time("spread") >= 0.0, "{kernel}");
+    }
+    // The padded frame is 128x128, whose FLOPs are known.
+    let sum = |rows: &str, key: &str| report[rows].as_array().unwrap().iter().map(|row| number(row, key)).sum::<f64>();
+    for rows in ["kernels", "by_stage", "by_kernel"] {
+        assert!((sum(rows, "/gflop") - 2.902).abs() < 5e-4, "{rows}");
+        assert!((sum(rows, "/share") - 1.0).abs() < 1e-9, "{rows}");
+    }
+    let kernels_ms = number(&report, "/kernels_ms");
+    assert!((sum("by_stage", "/microseconds/median") * 1e-3 - kernels_ms).abs() < 1e-6 * kernels_ms);
+    for roof in ["roof_gflop_per_second_f32", "roof_gb_per_second_f32"] {
+        assert!(number(&report, &format!("/session/{roof}")) > 0.0);
+    }
+
+    let text = std::fs::read_to_string(Path::new(&csv)).unwrap();
+    let widths: Vec<_> = text.lines().map(|line| line.split(',').count()).collect();
+    assert_eq!(widths, vec![widths[0]; kernels.len() + 1]);
+
+    let trace = json(&std::fs::read(Path::new(&trace)).unwrap());
+    let events = trace["traceEvents"].as_array().unwrap();
+    let spans: Vec<_> = events.iter().filter(|e| e["ph"] == "X" && e["tid"] == 2).collect();
+    assert_eq!(spans.len(), kernels.len());
+    let ends = |span: &Value| number(span, "/ts") + number(span, "/dur");
+    assert!(spans.windows(2).all(|pair| ends(pair[0]) <= number(pair[1], "/ts")), "kernels overlap");
+
+    let picture = std::fs::read_to_string(Path::new(&plot)).unwrap();
+    for word in ["<svg", "roof:", "conv3x3", "FLOP per byte"] {
+        assert!(picture.contains(word), "{word} is not in the picture");
+    }
+
+    let table = String::from_utf8(run(&[&["network"][..], &size].concat())).unwrap();
+    for word in ["enc.0.0.conv", "bottleneck", "of roof", "whole pass", "GB/s"] {
+        assert!(table.contains(word), "{word} is not in the table");
+    }
+}
+
+#[test]
+fn nonsense_is_refused() {
+    for arguments in [&["network", "--arch", "unet"][..], &["network", "--size", "0x5"], &["roof", "--repeat", "0"]] {
+        let output = Command::new(env!("CARGO_BIN_EXE_vkdenoise-profile")).args(arguments).output().unwrap();
+        assert!(!output.status.success() && !output.stderr.is_empty(), "{arguments:?}");
+    }
+}

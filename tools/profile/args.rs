@@ -1,0 +1,84 @@
+//! The command line.
+
+use clap::{Args, Parser, Subcommand};
+use std::path::PathBuf;
+use vkdenoise::net::Arch;
+use vkdenoise::{DeviceSelector, Extent};
+
+/// Where the time goes: networks, blocks and convolutions, kernel by kernel, by timestamps in the command buffer.
+///
+/// Every time is the median of the repeats after a warm-up, with the least and the spread (the distance between the
+/// quartiles). FLOPs are those that the network asks for, two a multiply-add, whatever a kernel computes; bytes are what a
+/// kernel must read and write once. Percent of the roof: of the multiply-add rate or of what the copy bandwidth feeds at
+/// the kernel's intensity, whichever is less, both measured in the same run.
+#[derive(Debug, Parser)]
+#[command(version, max_term_width = 100)]
+pub struct Arguments {
+    #[command(subcommand)]
+    pub command: Command,
+}
+
+#[derive(Debug, Subcommand)]
+pub enum Command {
+    /// Every kernel of a network
+    Network {
+        /// Which network
+        #[arg(long, value_name = "A", default_value = "hybrid", value_parser = Arch::NAMES)]
+        arch: String,
+        /// Frame size
+        #[arg(long, value_name = "WxH", default_value = "512x512", value_parser = size)]
+        size: Extent,
+        #[command(flatten)]
+        common: Common,
+        #[command(flatten)]
+        output: Output,
+    },
+    /// What the device can do at most: multiply-adds and copies
+    Roof {
+        #[command(flatten)]
+        common: Common,
+        /// Print JSON
+        #[arg(long)]
+        json: bool,
+    },
+}
+
+/// What every measurement takes.
+#[derive(Debug, Args)]
+pub struct Common {
+    /// Timed runs
+    #[arg(long, value_name = "N", default_value_t = 7, value_parser = clap::value_parser!(u32).range(1..))]
+    pub repeat: u32,
+    /// Runs before the first timed one
+    #[arg(long, value_name = "N", default_value_t = 1)]
+    pub warm_up: u32,
+    /// Vulkan device: "best", an index or part of a name
+    #[arg(long, value_name = "D", env = "VKDENOISE_DEVICE", default_value = "best")]
+    pub device: DeviceSelector,
+}
+
+/// Where a measurement goes: a table on standard output, or elsewhere.
+#[derive(Debug, Args)]
+pub struct Output {
+    /// Print JSON in place of the table
+    #[arg(long)]
+    pub json: bool,
+    /// Write the kernels as CSV
+    #[arg(long, value_name = "FILE")]
+    pub csv: Option<PathBuf>,
+    /// Write one run as a Chrome trace (chrome://tracing, Perfetto)
+    #[arg(long, value_name = "FILE")]
+    pub trace: Option<PathBuf>,
+    /// Draw the kernels under the roofline
+    #[arg(long, value_name = "FILE.svg")]
+    pub plot: Option<PathBuf>,
+}
+
+/// `512x256`, or one number for a square.
+pub fn size(text: &str) -> Result<Extent, String> {
+    let (width, height) = text.split_once('x').unwrap_or((text, text));
+    match (width.parse(), height.parse()) {
+        (Ok(width), Ok(height)) if width > 0 && height > 0 => Ok(Extent::new(width, height)),
+        _ => Err(format!("'{text}' is not a size such as 512x512")),
+    }
+}

@@ -1,0 +1,136 @@
+//! `network`: every kernel of a forward pass.
+
+use crate::args::Output;
+use crate::plot::{self, Point};
+use crate::rows::{self, Row};
+use crate::session::Session;
+use crate::summary::Summary;
+use crate::{Failure, export, table};
+use serde_json::json;
+use std::path::Path;
+use vkdenoise::net::{Arch, DepthRule, ExposureRule, Preprocessing};
+use vkdenoise::{
+    Denoiser, Error, Extent, Features, Frame, KernelRecord, Layout, Options, Plane, PlaneMut, Report, Weights,
+};
+
+/// What the passes measured.
+pub struct Measured {
+    /// Milliseconds of the pass as it is.
+    pub plain: Summary,
+    /// Milliseconds with a timestamp around every kernel.
+    pub profiled: Summary,
+    /// The kernels of every profiled run.
+    pub runs: Vec<Vec<KernelRecord>>,
+}
+
+/// Random weights: the work does not depend on them.
+pub fn weights(arch: &Arch) -> Result<Weights, Error> {
+    let preprocessing = Preprocessing { exposure: ExposureRule::Auto, depth: DepthRule::Percentile };
+    Ok(Weights::hashed(arch, preprocessing, 1)?)
+}
+
+/// Runs a network on a frame with all features; plain and profiled passes in turn, where `profile` and the device allow.
+pub fn measure(session: &Session, arch: &Arch, extent: Extent, profile: bool) -> Result<Measured, Error> {
+    let mut denoiser = Denoiser::new(&session.device, &weights(arch)?, &Options::default())?;
+    let pixels = extent.pixels() as usize;
+    // Any picture does as well.
+    let noise = |i: usize| (i.wrapping_mul(2_654_435_761) >> 16 & 0xffff) as f32 / 65536.0;
+    let color: Vec<f32> = (0..3 * pixels).map(|i| noise(i) * noise(i / 3) * 4.0).collect();
+    let depth: Vec<f32> = (0..pixels).map(|i| 1.0 + noise(i / 500) * 10.0).collect();
+    let mut output = vec![0.0; 3 * pixels];
+    let rgb = Layout::interleaved(extent, 3);
+    let features = Features {
+        albedo: Some(Plane::f32(&color, rgb)),
+        normal: Some(Plane::f32(&color, rgb)),
+        depth: Some(Plane::f32(&depth, Layout::interleaved(extent, 1))),
+    };
+    let frame = Frame { extent, color: Plane::f32(&color, rgb), features };
+    let profile = profile && session.device.has_timestamps();
+    let mut run = |profile: bool| -> Result<(f64, Vec<KernelRecord>), Error> {
+        denoiser.set_profiling(profile)?;
+        let report: Report = denoiser.denoise(&frame, PlaneMut::f32(&mut output, rgb))?;
+        Ok((report.gpu_ms.unwrap_or(report.total_ms), denoiser.records().to_vec()))
+    };
+    let (mut plain, mut profiled, mut runs) = (Vec::new(), Vec::new(), Vec::new());
+    for turn in 0..session.warm_up + session.repeat {
+        let (ms, _) = run(false)?;
+        let with = if profile { Some(run(true)?) } else { None };
+        if turn >= session.warm_up {
+            plain.push(ms);
+            if let Some((ms, records)) = with {
+                profiled.push(ms);
+                runs.push(records);
+            }
+        }
+    }
+    Ok(Measured { plain: Summary::of(&plain), profiled: Summary::of(&profiled), runs })
+}
+
+/// The subcommand.
+pub fn network(session: &Session, name: &str, extent: Extent, output: &Output) -> Result<(), Failure> {
+    let arch = Arch::named(name).ok_or_else(|| Failure(format!("there is no network called {name}")))?;
+    let measured = measure(session, &arch, extent, true)?;
+    let rows = rows::rows(&measured.runs, &session.roof);
+    let title = format!("{name}, {}x{}", extent.width, extent.height);
+    write_files(&title, session, &measured.runs, &rows, output)?;
+    let by_stage = rows::sums(&rows, &session.roof, |row| &row.stage);
+    let by_kernel = rows::sums(&rows, &session.roof, |row| &row.kernel);
+    let kernels_ms = rows.iter().map(|row| row.microseconds.median).sum::<f64>() * 1e-3;
+    if output.json {
+        let report = json!({
+            "session": session.header(), "network": name, "width": extent.width, "height": extent.height,
+            "pass_ms": measured.plain, "profiled_pass_ms": measured.profiled, "kernels_ms": kernels_ms,
+            "kernels": rows, "by_stage": by_stage, "by_kernel": by_kernel,
+        });
+        println!("{report:#}");
+        return Ok(());
+    }
+    print!("{title}\n{}", session.header().text());
+    let Summary { median, min, spread } = measured.plain;
+    print!("whole pass {median:.2} ms (min {min:.2}, spread {spread:.2})");
+    if !rows.is_empty() {
+        let with = measured.profiled.median;
+        print!(", with timestamps {with:.2} ms ({:+.1} %)", 100.0 * (with / median - 1.0));
+        print!("; its kernels add up to {kernels_ms:.2} ms ({:+.1} %)", 100.0 * (kernels_ms / median - 1.0));
+        print!("\n\n{}", table::kernels(&rows));
+        print!("\n{}\n{}", table::sums("stage", &by_stage), table::sums("kernel", &by_kernel));
+    }
+    println!();
+    Ok(())
+}
+
+/// Writes the files that were asked for.
+fn write_files(
+    title: &str,
+    session: &Session,
+    runs: &[Vec<KernelRecord>],
+    rows: &[Row],
+    output: &Output,
+) -> Result<(), Failure> {
+    let write = |path: &Path, text: String| {
+        std::fs::write(path, text).map_err(|error| Failure(format!("{}: {error}", path.display())))
+    };
+    if let Some(path) = &output.csv {
+        write(path, export::csv(rows))?;
+    }
+    if let Some(path) = &output.trace {
+        // The run in the middle.
+        let total = |run: &&Vec<KernelRecord>| run.iter().map(|record| record.microseconds).sum::<f64>();
+        let mut sorted: Vec<_> = runs.iter().collect();
+        sorted.sort_by(|a, b| total(a).total_cmp(&total(b)));
+        let middle = sorted.get(sorted.len() / 2).map_or(&[][..], |run| run.as_slice());
+        write(path, export::trace(title, middle).to_string())?;
+    }
+    if let Some(path) = &output.plot {
+        let point = |row: &Row| Point {
+            series: row.kernel.clone(),
+            flop_per_byte: row.flop_per_byte,
+            flop_per_second: row.gflop_per_second * 1e9,
+        };
+        // What takes next to no time would only stretch the axes.
+        let shown = rows.iter().filter(|row| row.gflop > 0.0 && row.share > 1e-3);
+        let points: Vec<_> = shown.map(point).collect();
+        plot::roofline(path, title, &session.roof, &points).map_err(Failure)?;
+    }
+    Ok(())
+}

@@ -1,0 +1,74 @@
+//! The device under measurement and what is said of it.
+
+use crate::args::Common;
+use serde::Serialize;
+use std::time::SystemTime;
+use vkdenoise::profile::Roof;
+use vkdenoise::{Device, Error};
+
+/// An open device with its roofs.
+pub struct Session {
+    pub device: Device,
+    pub roof: Roof,
+    pub repeat: u32,
+    pub warm_up: u32,
+}
+
+/// What a report begins with.
+#[derive(Serialize)]
+pub struct Header {
+    device: String,
+    driver: String,
+    vulkan: String,
+    date: String,
+    repeat: u32,
+    timestamps: bool,
+    roof_gflop_per_second_f32: f64,
+    roof_gb_per_second_f32: f64,
+    roof_gflop_per_second_f16: Option<f64>,
+    roof_gb_per_second_f16: Option<f64>,
+}
+
+impl Session {
+    /// Opens the device and measures its roofs.
+    pub fn open(common: &Common) -> Result<Self, Error> {
+        let device = Device::open(&common.device)?;
+        let roof = Roof::measure(&device)?;
+        Ok(Self { device, roof, repeat: common.repeat, warm_up: common.warm_up })
+    }
+
+    pub fn header(&self) -> Header {
+        let info = self.device.info();
+        let date = humantime::format_rfc3339_seconds(SystemTime::now()).to_string();
+        Header {
+            device: info.name.clone(),
+            driver: info.driver.clone(),
+            vulkan: info.api_version.clone(),
+            date: date.split('T').next().unwrap_or_default().into(),
+            repeat: self.repeat,
+            timestamps: self.device.has_timestamps(),
+            roof_gflop_per_second_f32: self.roof.flops_f32 * 1e-9,
+            roof_gb_per_second_f32: self.roof.bytes_f32 * 1e-9,
+            roof_gflop_per_second_f16: self.roof.flops_f16.map(|rate| rate * 1e-9),
+            roof_gb_per_second_f16: self.roof.bytes_f16.map(|rate| rate * 1e-9),
+        }
+    }
+}
+
+impl Header {
+    /// A few lines.
+    pub fn text(&self) -> String {
+        let Self { device, driver, vulkan, date, repeat, .. } = self;
+        let (flops, bytes) = (self.roof_gflop_per_second_f32, self.roof_gb_per_second_f32);
+        let mut text = format!("{device}; {driver}; Vulkan {vulkan}; {date}; medians of {repeat} runs\n");
+        text += &format!("roof: fp32 {flops:.1} GFLOP/s of multiply-adds, {bytes:.1} GB/s of copies");
+        if let (Some(flops), Some(bytes)) = (self.roof_gflop_per_second_f16, self.roof_gb_per_second_f16) {
+            text += &format!("; fp16 {flops:.1} GFLOP/s, {bytes:.1} GB/s");
+        }
+        text.push('\n');
+        if !self.timestamps {
+            text += "The device's queue has no timestamps: whole passes are timed, on the host, and no kernels.\n";
+        }
+        text
+    }
+}
