@@ -1,11 +1,11 @@
 //! From graph and size to dispatches.
 
 use super::arena::{self, Request};
-use super::pack::{Pack, linear_outputs};
 use super::choices::{ConvAlgorithm, SeparableForm, conv_pack, fuse, is_separable};
+use super::pack::{Pack, linear_outputs};
 use super::{Buffer, Dispatch, ELEMENT_BYTES, Place, Plan, hazards};
 use crate::error::{Error, Result};
-use crate::frame::Extent;
+use crate::frame::{Extent, Region};
 use crate::kernels::winograd::Winograd3x3;
 use crate::kernels::{BufferId, Call, Tiles, View, dense, film, frame_io, maps, stats, window_attention};
 use crate::net::cost::op_flops;
@@ -218,6 +218,7 @@ impl<'a> Lowering<'a> {
             width: self.extent.width,
             height: self.extent.height,
             tiles: Tiles::All,
+            region: Region::all(self.extent),
         };
         self.push("output", Stage::Output, 0, Call::Output(output));
     }
@@ -340,8 +341,7 @@ impl<'a> Lowering<'a> {
             OpKind::FilmVector { input, weight, output } => {
                 let inputs = self.graph.whole(*input).channels;
                 let outputs = self.graph.whole(*output).channels;
-                let weights =
-                    self.pack(weight, Pack::FilmVector { weight: weight.clone(), inputs, outputs });
+                let weights = self.pack(weight, Pack::FilmVector { weight: weight.clone(), inputs, outputs });
                 let dst = self.value(*output);
                 let partials = &self.partials[input];
                 Call::FilmVector(film::FilmVector {

@@ -6,6 +6,7 @@ mod choices;
 mod hazards;
 mod lower;
 pub mod pack;
+mod region;
 mod winograd;
 
 use crate::frame::Extent;

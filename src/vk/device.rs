@@ -156,9 +156,8 @@ impl Device {
         let priorities = [1.0];
         let queues =
             [vk::DeviceQueueCreateInfo::default().queue_family_index(queue_family).queue_priorities(&priorities)];
-        let mut features12 = vk::PhysicalDeviceVulkan12Features::default()
-            .buffer_device_address(true)
-            .shader_float16(caps.float16);
+        let mut features12 =
+            vk::PhysicalDeviceVulkan12Features::default().buffer_device_address(true).shader_float16(caps.float16);
         let mut features11 = vk::PhysicalDeviceVulkan11Features::default().storage_buffer16_bit_access(caps.storage16);
         let features = vk::PhysicalDeviceFeatures::default().shader_int64(caps.int64);
         let create = vk::DeviceCreateInfo::default()
