@@ -9,6 +9,7 @@ use crate::pass::{FrameOptions, Pass};
 use crate::plan::{ConvAlgorithm, SeparableForm};
 use crate::profile::KernelRecord;
 use crate::vk::device::Device;
+use crate::vk::statistics::PipelineStatistic;
 use std::fmt;
 use std::str::FromStr;
 use std::sync::Arc;
@@ -158,6 +159,15 @@ impl Denoiser {
     /// [`Denoiser::set_profiling`].
     pub fn records(&self) -> &[KernelRecord] {
         self.host.as_ref().map_or(&[], HostPass::records)
+    }
+
+    /// What the driver's compiler says of the kernels made so far: registers, spills, shared memory. Empty unless the device
+    /// was opened with [`crate::DeviceOptions::pipeline_statistics`] and has them.
+    ///
+    /// # Errors
+    /// [`Error::Vulkan`].
+    pub fn pipeline_statistics(&self) -> Result<Vec<PipelineStatistic>> {
+        self.engine.pipelines.statistics()
     }
 
     /// The precision in use: `fp32`.

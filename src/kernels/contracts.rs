@@ -238,17 +238,17 @@ contracts! {
     WINOGRAD3X3_F2 = "winograd3x3_f2" "winograd3x3.comp" Conv3x3Push { "OUT": "2", "TX": "1", "NV": "2" } &[], &[];
     /// The same for CPU drivers.
     WINOGRAD3X3_F2_CPU = "winograd3x3_f2_cpu" "winograd3x3.comp" Conv3x3Push
-        { "OUT": "2", "TX": "2", "NV": "4", "WEIGHTS_BROADCAST": "1", "TEXELS": "1" } CONV_TEXELS, CPU;
+        { "OUT": "2", "TX": "2", "NV": "2", "WEIGHTS_SHARED": "1", "TEXELS": "1" } CONV_TEXELS, CPU;
     /// Convolution by F(4x4, 3x3).
     WINOGRAD3X3_F4 = "winograd3x3_f4" "winograd3x3.comp" Conv3x3Push { "OUT": "4", "TX": "1", "NV": "1" } &[], &[];
     /// The same for CPU drivers.
     WINOGRAD3X3_F4_CPU = "winograd3x3_f4_cpu" "winograd3x3.comp" Conv3x3Push
-        { "OUT": "4", "TX": "1", "NV": "4", "WEIGHTS_BROADCAST": "1", "TEXELS": "1" } CONV_TEXELS, CPU;
+        { "OUT": "4", "TX": "1", "NV": "2", "WEIGHTS_SHARED": "1", "TEXELS": "1" } CONV_TEXELS, CPU;
     /// Depthwise and pointwise convolution in one, tiles of 32 channels.
     SEPARABLE3X3 = "separable3x3" "separable3x3.comp" Separable3x3Push { "TX": "2", "TY": "2", "NV": "8" } &[], &[];
     /// The same for CPU drivers.
     SEPARABLE3X3_CPU = "separable3x3_cpu" "separable3x3.comp" Separable3x3Push
-        { "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_BROADCAST": "1", "TEXELS": "1" } SEPARABLE_TEXELS, CPU;
+        { "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_SHARED": "1", "TEXELS": "1" } SEPARABLE_TEXELS, CPU;
     /// Pointwise convolution, tiles of 32 channels.
     LINEAR = "linear" "linear.comp" LinearPush { "TX": "2", "TY": "2", "NV": "8" } &[], &[];
     /// The same for CPU drivers.

@@ -59,7 +59,11 @@ impl Pipeline {
             .stage(vk::ShaderStageFlags::COMPUTE)
             .module(module)
             .name(c"main");
-        let info = vk::ComputePipelineCreateInfo::default().stage(stage).layout(pipeline.layout);
+        let flags = match device.executables() {
+            Some(_) => vk::PipelineCreateFlags::CAPTURE_STATISTICS_KHR,
+            None => vk::PipelineCreateFlags::empty(),
+        };
+        let info = vk::ComputePipelineCreateInfo::default().flags(flags).stage(stage).layout(pipeline.layout);
         // SAFETY: module and layout are alive.
         let made = unsafe { vk_device.create_compute_pipelines(vk::PipelineCache::null(), &[info], None) };
         // SAFETY: a module may go once its pipelines are made.
