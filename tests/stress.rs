@@ -86,7 +86,7 @@ fn frame() -> impl Strategy<Value = Scene> {
 }
 
 proptest! {
-    #![proptest_config(Config { cases: 8, max_shrink_iters: 40, rng_seed: RngSeed::Fixed(1), ..Config::default() })]
+    #![proptest_config(Config { cases: 8, max_shrink_iters: 40, rng_seed: RngSeed::Fixed(1), failure_persistence: None, ..Config::default() })]
 
     #[test]
     fn frames_of_arbitrary_bits_give_sound_pictures_twice(scene in frame()) {
