@@ -9,6 +9,7 @@ use proptest::prelude::*;
 use proptest::test_runner::{Config, RngSeed};
 use std::sync::Mutex;
 use std::time::Instant;
+use stress::light::is_of_training;
 use stress::scene::Scene;
 use stress::subject::{Subject, Tier, without_residual};
 use stress::{Depends, Effort, bad_samples, cases};
@@ -55,7 +56,7 @@ fn content_shapes_and_sequences() {
 #[test]
 fn the_way_in_and_out_alone_keeps_light() {
     let weights = without_residual(&Weights::hybrid().unwrap()).unwrap();
-    check(&weights, |name| name.contains("firefl") || name.contains("emitter"), |_| true);
+    check(&weights, is_of_training, |_| true);
 }
 
 /// Any 32 bits as a float, the odd kinds often.

@@ -1,5 +1,6 @@
 //! `vkdenoise-bench stress`: every case on every tier, and on peers beside them.
 
+use crate::stress::light::is_of_training;
 use crate::stress::subject::{Peer, Subject, Tier, without_residual};
 use crate::stress::table::Matrix;
 use crate::stress::{Case, Effort, Result, cases};
@@ -25,7 +26,8 @@ pub struct StressArgs {
     /// Only what the test suite has time for.
     #[arg(long)]
     sample: bool,
-    /// Put the pre- and post-processing alone beside the tiers: a network that predicts no residual.
+    /// Put the pre- and post-processing alone beside the tiers, a network that predicts no residual, where the network's
+    /// training answers for a figure.
     #[arg(long)]
     frame_alone: bool,
     /// A program to put beside the tiers, as NAME=COMMAND; may be given again. tools/measure/oidn_peer.py is one.
@@ -73,6 +75,7 @@ pub fn run(args: &StressArgs) -> Result<()> {
         let name = "in and out alone";
         matrix.add_subject(name);
         let mut subject = Subject::engine(&device, &without_residual(&weights)?, *tier)?;
+        let cases: Vec<Case> = cases.iter().filter(|case| is_of_training(case.name)).cloned().collect();
         measure(&mut matrix, name, &mut subject, &cases, effort)?;
     }
     for peer in &args.peer {
