@@ -35,10 +35,14 @@ layout(push_constant) uniform Push {
     uint flags;
 };
 
+#include "shared/conv_store.glsl"
+
 const uint LANES_X = 8 / TX;
 const uint LANES = 64 / PIXELS;                // invocations per tile
-const int PATCH_X = (TX - 1) * STRIDE + 3;
 
+// Three taps of a row share what they load. TAP_BY_TAP loads for every tap anew, which keeps the loop a third as long:
+// with wide tiles CPU drivers unroll it beyond the instruction cache.
+const int PATCH_X = (TX - 1) * STRIDE + 3;
 vec4 row[TY * PATCH_X];
 
 void main() {
@@ -52,6 +56,22 @@ void main() {
     clear_accumulators(weights, tile_n);
     uint weight_base = bias_vectors + tile_n * 9u * src_channels * BLOCK;
     ivec2 corner = base * STRIDE - 1;
+#ifdef TAP_BY_TAP
+    for (int tap = 0; tap < 9; ++tap) {
+        uint from[PIXELS];
+        bool inside[PIXELS];
+        [[unroll]] for (int p = 0; p < PIXELS; ++p) {
+            ivec2 at = corner + ivec2(tap % 3, tap / 3) + ivec2(p % TX, p / TX) * STRIDE;
+            inside[p] = at.x >= 0 && at.x < int(src_width) && at.y >= 0 && at.y < int(src_height);
+            from[p] = inside[p] ? uint(at.y * int(src_width) + at.x) * src_stride : 0u;
+        }
+        for (uint k = 0u; k < src_channels; ++k) {
+            [[unroll]] for (int p = 0; p < PIXELS; ++p) row[p] = inside[p] ? LOAD(src, from[p] + k) : vec4(0.0);
+#define TAP_PIXEL(p) row[p]
+            MULTIPLY_ADD(weights, weight_base + (tap * src_channels + k) * BLOCK, TAP_PIXEL)
+        }
+    }
+#else
     for (int ky = 0; ky < 3; ++ky) {
         for (uint k = 0u; k < src_channels; ++k) {
             [[unroll]] for (int y = 0; y < TY; ++y) {
@@ -72,33 +92,14 @@ void main() {
             }
         }
     }
+#endif
     if (!live) return;
 
     [[unroll]] for (int p = 0; p < PIXELS; ++p) {
         uvec2 at = uvec2(base + ivec2(p % TX, p / TX));
-        uint pixel = at.y * dst_width + at.x;
         [[unroll]] for (int n = 0; n < NV; ++n) {
             uint channel = tile_n * NV + n;
-            if (channel >= dst_channels) continue;
-            vec4 value = accumulators[p * NV + n];
-            if ((flags & FLAG_FILM) != 0u) value = LOAD_WEIGHTS(film, channel) * value + LOAD_WEIGHTS(film, dst_channels + channel);
-            if ((flags & FLAG_RESIDUAL) != 0u) value += LOAD(residual, pixel * residual_stride + channel);
-            value = activate(value, flags);
-            if ((flags & FLAG_SHUFFLE) != 0u) {
-                // The packer has ordered the outputs [phase][channel], so that a vector stays within one phase.
-                uint quarter = dst_channels / 4u;
-                uint phase = channel / quarter;
-                uvec2 to = at * 2u + uvec2(phase & 1u, phase >> 1);
-                STORE(dst, (to.y * dst_width * 2u + to.x) * dst_stride + channel % quarter, value);
-            } else if ((flags & FLAG_UNSHUFFLE) != 0u) {
-                // Channel c of pixel (2x + dx, 2y + dy) becomes channel 4c + 2dy + dx of (x, y): one scalar of four vectors.
-                uint to = ((at.y / 2u) * (dst_width / 2u) + at.x / 2u) * dst_stride + channel * 4u;
-                uint component = (at.y & 1u) * 2u + (at.x & 1u);
-                TargetScalars scalars = TargetScalars(dst);
-                [[unroll]] for (int c = 0; c < 4; ++c) STORE_SCALAR(scalars, (to + c) * 4u + component, value[c]);
-            } else {
-                STORE(dst, pixel * dst_stride + channel, value);
-            }
+            if (channel < dst_channels) store_result(at, channel, accumulators[p * NV + n]);
         }
     }
 }

@@ -6,6 +6,7 @@ use crate::frame::{Extent, Features, Frame, PlaneMut, check_in_place};
 use crate::host::HostPass;
 use crate::net::weights::Weights;
 use crate::pass::{FrameOptions, Pass};
+use crate::plan::{ConvAlgorithm, SeparableForm};
 use crate::profile::KernelRecord;
 use crate::vk::device::Device;
 use std::fmt;
@@ -67,6 +68,10 @@ pub struct Options {
     pub exposure: Exposure,
     /// Share of the noisy colour in the host path's result, 0 (all denoised) to 1 (all noisy).
     pub blend: f32,
+    /// How dense 3x3 convolutions are computed; `None`: as suits the device.
+    pub conv: Option<ConvAlgorithm>,
+    /// How separable convolutions are; `None`: as suits the device.
+    pub separable: Option<SeparableForm>,
 }
 
 /// What one call of the host path did.
@@ -113,8 +118,9 @@ impl Denoiser {
     pub(crate) fn with_kernels(device: &Device, weights: &Weights, options: &Options, cpu: bool) -> Result<Self> {
         let frame = FrameOptions { exposure: options.exposure, blend: options.blend };
         frame.check()?;
-        let engine = Arc::new(Engine { cpu, ..Engine::new(device, weights)? });
-        Ok(Self { engine, options: frame, profiling: false, host: None })
+        let mut engine = Engine::new(device, weights, options)?;
+        engine.cpu = cpu;
+        Ok(Self { engine: Arc::new(engine), options: frame, profiling: false, host: None })
     }
 
     /// Sets the host path's exposure.

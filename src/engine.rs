@@ -1,5 +1,6 @@
 //! What all passes of a denoiser share: the network, its packed weights on the device, the pipelines.
 
+use crate::denoiser::Options;
 use crate::error::Result;
 use crate::frame::Extent;
 use crate::kernels::Variants;
@@ -19,6 +20,7 @@ const MAX_BLOCK_BYTES: u64 = 4 << 30;
 pub(crate) struct Engine {
     pub device: Device,
     pub graph: Graph,
+    plan_options: PlanOptions,
     pub pipelines: Pipelines,
     pub weights: Buffer,
     pub exposure_rule: ExposureRule,
@@ -27,20 +29,34 @@ pub(crate) struct Engine {
 }
 
 impl Engine {
-    pub fn new(device: &Device, weights: &Weights) -> Result<Self> {
+    pub fn new(device: &Device, weights: &Weights, options: &Options) -> Result<Self> {
+        let plan_options = PlanOptions {
+            max_block_bytes: Self::max_block_bytes(device),
+            // No other form is faster on every device measured.
+            conv: options.conv.unwrap_or_default(),
+            separable: options.separable.unwrap_or_default(),
+            ..PlanOptions::default()
+        };
         let graph = Graph::new(weights.arch()).map_err(WeightsError::from)?;
         // The packing is the same at every size.
-        let smallest = plan(&graph, Extent::new(1, 1), &PlanOptions { max_block_bytes: u64::MAX, keep_all: false })?;
-        Self::of_plan(device, graph, &smallest, weights)
+        let smallest = plan(&graph, Extent::new(1, 1), &plan_options)?;
+        Self::of_plan(device, graph, &smallest, weights, plan_options)
     }
 
-    /// For plans that pack the weights as `plan` does.
-    pub fn of_plan(device: &Device, graph: Graph, plan: &Plan, weights: &Weights) -> Result<Self> {
+    /// For plans that pack the weights as `plan` does, which was made with `plan_options`.
+    pub fn of_plan(
+        device: &Device,
+        graph: Graph,
+        plan: &Plan,
+        weights: &Weights,
+        plan_options: PlanOptions,
+    ) -> Result<Self> {
         Ok(Self {
             weights: upload(device, plan, weights)?,
             pipelines: Pipelines::new(device),
             device: device.clone(),
             graph,
+            plan_options,
             exposure_rule: weights.preprocessing().exposure,
             cpu: prefers_cpu_kernels(device),
         })
@@ -48,12 +64,7 @@ impl Engine {
 
     /// The plan of a frame size on this device.
     pub fn plan(&self, extent: Extent) -> Result<Plan> {
-        plan(&self.graph, extent, &self.plan_options())
-    }
-
-    /// What this device's plans are made with.
-    fn plan_options(&self) -> PlanOptions {
-        PlanOptions { max_block_bytes: Self::max_block_bytes(&self.device), keep_all: false }
+        plan(&self.graph, extent, &self.plan_options)
     }
 
     /// Largest block of an arena on a device.

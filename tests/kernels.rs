@@ -6,7 +6,9 @@ use common::case::{Cases, KERNEL_LIMIT, small_net};
 use vkdenoise::kernels::dense::{Conv3x3, Linear};
 use vkdenoise::kernels::film::{FilmVector, TokenSum};
 use vkdenoise::kernels::maps::{Depthwise3x3, LayerNorm};
+use vkdenoise::kernels::separable::Separable3x3;
 use vkdenoise::kernels::window_attention::WindowAttention;
+use vkdenoise::kernels::winograd::{Winograd3x3, WinogradTile};
 use vkdenoise::kernels::{Activation, BufferId, Call, Shuffle, Tiles, View};
 use vkdenoise::net::{Block, Convolution, LinearPart, LinearWeight};
 use vkdenoise::plan::pack::Pack;
@@ -30,16 +32,24 @@ fn film(cases: &mut Cases, channels: u32) -> Option<BufferId> {
 }
 
 fn add_conv(cases: &mut Cases, (inputs, outputs): (u32, u32), stride: u32, shuffle: Shuffle) {
+    add_conv_by(cases, (inputs, outputs), stride, shuffle, None);
+}
+
+fn add_conv_by(
+    cases: &mut Cases,
+    (inputs, outputs): (u32, u32),
+    stride: u32,
+    shuffle: Shuffle,
+    tile: Option<WinogradTile>,
+) {
     let unit = if shuffle == Shuffle::Unshuffle { 16 } else { 8 };
     let (width, height) = size(cases, unit);
     let channels = outputs.next_multiple_of(4);
     let bias = cases.random.coin();
-    let pack = Pack::Conv3x3 {
-        weight: "bottleneck.0.ffn.expand".into(),
-        bias,
-        inputs,
-        outputs,
-        shuffle: shuffle == Shuffle::Shuffle,
+    let (weight, phases) = ("bottleneck.0.ffn.expand".to_owned(), shuffle == Shuffle::Shuffle);
+    let pack = match tile {
+        None => Pack::Conv3x3 { weight, bias, inputs, outputs, shuffle: phases },
+        Some(tile) => Pack::Winograd3x3 { weight, bias, inputs, outputs, shuffle: phases, tile },
     };
     let src = cases.map((width * stride, height * stride), inputs, 3.0);
     let dst = match shuffle {
@@ -63,7 +73,10 @@ fn add_conv(cases: &mut Cases, (inputs, outputs): (u32, u32), stride: u32, shuff
         shuffle,
         tiles: cases.tiles((width, height)),
     };
-    cases.add(Call::Conv3x3(call), dst.buffer);
+    match tile {
+        None => cases.add(Call::Conv3x3(call), dst.buffer),
+        Some(tile) => cases.add(Call::Winograd3x3(Winograd3x3 { conv: call, tile }), dst.buffer),
+    }
 }
 
 #[test]
@@ -104,6 +117,67 @@ fn conv3x3_with_shuffles() {
         }
     }
     cases.check("conv3x3 with shuffles", KERNEL_LIMIT);
+}
+
+/// Every form of convolution by Winograd's filtering.
+fn winograd(seed: u64, tile: WinogradTile) -> Cases {
+    let mut cases = dense_cases(seed);
+    for _ in 0..3 {
+        for outputs in [8, 16, 20, 32, 36, 64] {
+            let inputs = cases.random.pick(&[3, 4, 7, 12, 32, 40]);
+            add_conv_by(&mut cases, (inputs, outputs), 1, Shuffle::None, Some(tile));
+        }
+    }
+    for outputs in [8, 16, 20, 48] {
+        add_conv_by(&mut cases, (12, outputs), 1, Shuffle::Unshuffle, Some(tile));
+    }
+    for outputs in [16, 48, 64] {
+        add_conv_by(&mut cases, (20, outputs), 1, Shuffle::Shuffle, Some(tile));
+    }
+    cases
+}
+
+#[test]
+fn winograd3x3_of_2x2() {
+    winograd(11, WinogradTile::F2).check("winograd3x3 of F(2x2)", KERNEL_LIMIT);
+}
+
+/// The transforms of six points grow rounding errors: by theory some tens of times in size where those of four do a few.
+#[test]
+fn winograd3x3_of_4x4() {
+    winograd(12, WinogradTile::F4).check("winograd3x3 of F(4x4)", KERNEL_LIMIT);
+}
+
+#[test]
+fn separable3x3() {
+    for base in [8, 24, 40] {
+        let mut cases = map_cases(base);
+        let tensors = [("enc.0.0.ffn", "depthwise", "contract", 4, 1), ("enc.1.0.ffn", "depthwise", "contract", 8, 2)];
+        let conv = ("enc.1.0.conv", "depthwise", "pointwise", 2, 2);
+        for (owner, first, second, inputs, outputs) in [&tensors[..], &[conv]].concat().repeat(3) {
+            let (size, inputs, outputs) = (size(&mut cases, 8), inputs * base, outputs * base);
+            let (src, dst) = (cases.map(size, inputs, 3.0), cases.target(size, outputs));
+            let pack = Pack::Depthwise { weight: format!("{owner}.{first}"), channels: inputs };
+            let tiles = cases.tiles(size);
+            let activation = cases.random.pick(&ACTIVATIONS);
+            // Never stored.
+            let between = View { buffer: src.buffer, first: 0, stride: inputs, channels: inputs, ..dst };
+            let depthwise = Depthwise3x3 { src, dst: between, weights: cases.pack(pack), activation, tiles };
+            let parts = vec![LinearPart { prefix: format!("{owner}.{second}"), outputs }];
+            let pointwise = Linear {
+                src: between,
+                src_b: None,
+                dst,
+                weights: cases.pack(Pack::Linear(LinearWeight { parts, inputs, columns: 0..inputs, bias: true })),
+                film: film(&mut cases, outputs),
+                residual: cases.random.coin().then(|| cases.map(size, outputs, 1.0)),
+                activation: cases.random.pick(&ACTIVATIONS),
+                tiles,
+            };
+            cases.add(Call::Separable3x3(Separable3x3 { depthwise, pointwise }), dst.buffer);
+        }
+        cases.check(&format!("separable3x3 of multiples of {base}"), KERNEL_LIMIT);
+    }
 }
 
 #[test]

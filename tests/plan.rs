@@ -3,14 +3,15 @@
 //! Kernels reach memory by address, which the validation layer's synchronisation checks do not follow: these tests are
 //! what stands for them.
 
-use vkdenoise::kernels::BufferId;
+use vkdenoise::kernels::winograd::WinogradTile;
+use vkdenoise::kernels::{BufferId, Call};
 use vkdenoise::net::{Arch, Graph};
-use vkdenoise::plan::{Dispatch, Place, Plan, PlanOptions, plan};
+use vkdenoise::plan::{ConvAlgorithm, Dispatch, Place, Plan, PlanOptions, SeparableForm, plan};
 use vkdenoise::{Error, Extent};
 
 fn plan_of(name: &str, extent: Extent, max_block_bytes: u64) -> Result<Plan, Error> {
     let graph = Graph::new(&Arch::named(name).unwrap()).unwrap();
-    plan(&graph, extent, &PlanOptions { max_block_bytes, keep_all: false })
+    plan(&graph, extent, &PlanOptions { max_block_bytes, ..PlanOptions::default() })
 }
 
 fn spans(plan: &Plan, touched: &[(BufferId, u64)]) -> Vec<(usize, u64, u64)> {
@@ -30,10 +31,21 @@ fn conflict(plan: &Plan, a: &Dispatch, b: &Dispatch) -> bool {
     overlap(&a.writes, &b.reads) || overlap(&a.reads, &b.writes) || overlap(&a.writes, &b.writes)
 }
 
+/// Every network as it is, and the Hybrid in every form.
+fn plans(extent: Extent) -> Vec<(String, Plan)> {
+    let named = Arch::NAMES.iter().map(|name| (name.to_string(), plan_of(name, extent, u64::MAX).unwrap()));
+    let graph = Graph::new(&Arch::hybrid()).unwrap();
+    let forms = [WinogradTile::F2, WinogradTile::F4].map(|tile| PlanOptions {
+        conv: ConvAlgorithm::Winograd(tile),
+        separable: SeparableForm::Fused,
+        ..PlanOptions::default()
+    });
+    named.chain(forms.map(|options| (format!("{options:?}"), plan(&graph, extent, &options).unwrap()))).collect()
+}
+
 #[test]
 fn every_conflict_has_a_barrier_and_every_barrier_a_conflict() {
-    for name in Arch::NAMES {
-        let plan = plan_of(name, Extent::new(200, 120), u64::MAX).unwrap();
+    for (name, plan) in plans(Extent::new(200, 120)) {
         let mut since_barrier: Vec<&Dispatch> = Vec::new();
         for dispatch in &plan.dispatches {
             let conflicts = since_barrier.iter().any(|earlier| conflict(&plan, earlier, dispatch));
@@ -86,6 +98,24 @@ fn memory_and_padding() {
     let small = plan_of("hybrid", Extent::new(128, 128), u64::MAX).unwrap();
     let gflop = small.dispatches.iter().map(|d| d.flops).sum::<u64>() as f64 * 1e-9;
     assert!((gflop - 2.902).abs() < 5e-4, "{gflop}");
+}
+
+/// What the forms change, and that they leave nothing out.
+#[test]
+fn forms_change_kernels_not_work() {
+    let all = plans(Extent::new(128, 128));
+    let flops = |plan: &Plan| plan.dispatches.iter().map(|d| d.flops).sum::<u64>();
+    let of = |plan: &Plan, kernel: fn(&Call) -> bool| plan.dispatches.iter().filter(|d| kernel(&d.call)).count();
+    let hybrid = &all.iter().find(|(name, _)| name == "hybrid").unwrap().1;
+    let direct = of(hybrid, |call| matches!(call, Call::Conv3x3(_)));
+    for (name, form) in &all[Arch::NAMES.len()..] {
+        assert_eq!(flops(form), flops(hybrid), "{name}");
+        // To three channels and by stride 2 (twice) stays direct.
+        let winograd = of(form, |call| matches!(call, Call::Winograd3x3(_)));
+        assert_eq!((of(form, |call| matches!(call, Call::Conv3x3(_))), winograd), (3, direct - 3), "{name}");
+        // An FFN a block; the steps of the auxiliary projection feed two, the last of them one.
+        assert_eq!(of(form, |call| matches!(call, Call::Separable3x3(_))), 17, "{name}");
+    }
 }
 
 #[test]

@@ -93,7 +93,7 @@ fn main() -> ExitCode {
 
 fn memory(extent: Extent) -> Result<(), Error> {
     let graph = Graph::new(&Arch::hybrid()).map_err(WeightsError::from)?;
-    let plan = plan(&graph, extent, &PlanOptions { max_block_bytes: u64::MAX, keep_all: false })?;
+    let plan = plan(&graph, extent, &PlanOptions::default())?;
     let line = serde_json::json!({
         "width": extent.width, "height": extent.height,
         "arena_bytes": plan.blocks.iter().sum::<u64>(), "weights_bytes": plan.weights_bytes,

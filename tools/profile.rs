@@ -2,10 +2,16 @@
 
 #[path = "profile/args.rs"]
 mod args;
+#[path = "profile/blocks.rs"]
+mod blocks;
+#[path = "profile/conv.rs"]
+mod conv;
 #[path = "profile/export.rs"]
 mod export;
 #[path = "profile/network.rs"]
 mod network;
+#[path = "profile/parts.rs"]
+mod parts;
 #[path = "profile/plot.rs"]
 mod plot;
 #[path = "profile/rows.rs"]
@@ -16,11 +22,16 @@ mod session;
 mod summary;
 #[path = "profile/table.rs"]
 mod table;
+#[path = "profile/tables.rs"]
+mod tables;
+#[path = "profile/thesis.rs"]
+mod thesis;
 
 use args::{Arguments, Command};
 use clap::Parser;
 use session::Session;
 use std::process::ExitCode;
+use vkdenoise::Options;
 
 /// What is told to the user.
 pub struct Failure(String);
@@ -43,9 +54,18 @@ fn main() -> ExitCode {
 
 fn run(command: Command) -> Result<(), Failure> {
     match command {
-        Command::Network { arch, size, common, output } => {
-            network::network(&Session::open(&common)?, &arch, size, &output)
+        Command::Network { arch, size, conv, separable, common, output } => {
+            let options =
+                Options { conv: conv.map(Into::into), separable: separable.map(Into::into), ..Options::default() };
+            network::network(&Session::open(&common)?, &arch, size, &options, &output)
         }
+        Command::Conv { size, channels, common, output } => {
+            conv::conv(&Session::open(&common)?, size, channels, &output)
+        }
+        Command::Blocks { sizes, channels, common, json } => {
+            blocks::blocks(&Session::open(&common)?, &sizes, &channels, json)
+        }
+        Command::Tables { size, common, json } => tables::tables(&Session::open(&common)?, size, json),
         Command::Roof { common, json } => {
             let header = Session::open(&common)?.header();
             if json {

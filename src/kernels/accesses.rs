@@ -5,7 +5,9 @@ use super::contract::Contract;
 use super::dense::{Conv3x3, Linear};
 use super::film::{FilmVector, TokenSum};
 use super::maps::{Depthwise3x3, LayerNorm};
+use super::separable::Separable3x3;
 use super::window_attention::WindowAttention;
+use super::winograd::Winograd3x3;
 use super::{Call, TILE, Variants};
 
 /// Loads and stores of all invocations of a dispatch together, each of a vector of four floats or, in shared memory and
@@ -45,8 +47,10 @@ impl Call {
         let contract = self.kernel().contract(variants);
         Some(match self {
             Self::Conv3x3(k) => conv3x3(k, contract),
+            Self::Winograd3x3(k) => winograd3x3(k, contract),
             Self::Linear(k) => linear(k, contract),
             Self::Depthwise3x3(k) => depthwise3x3(k, contract),
+            Self::Separable3x3(k) => separable3x3(k, contract),
             Self::LayerNorm(k) => layer_norm(k),
             Self::WindowAttention(k) => window_attention(k),
             Self::TokenSum(k) => token_sum(k),
@@ -109,6 +113,31 @@ fn conv3x3(call: &Conv3x3, contract: &Contract) -> Accesses {
     // An unshuffle scatters scalars.
     let stores = block.outputs() * if call.shuffle == super::Shuffle::Unshuffle { 4 } else { 1 };
     Accesses::each(block.invocations(call.tiles.count(width, height), call.channels), loads, stores)
+}
+
+fn winograd3x3(call: &Winograd3x3, contract: &Contract) -> Accesses {
+    let (tiles, vectors) = (contract.define("TX"), contract.define("NV"));
+    let (outputs, inputs) = (u64::from(call.tile.outputs()), u64::from(call.tile.inputs()));
+    let block = Block { x: outputs * tiles, y: outputs, vectors };
+    let conv = &call.conv;
+    let weights = 4 * inputs * inputs / if contract.has("WEIGHTS_BROADCAST") { 8 } else { 1 };
+    let per_four_inputs = inputs * (outputs * tiles + 2) + vectors * weights;
+    let loads = vectors
+        + u64::from(conv.src.channels / 4) * per_four_inputs
+        + block.outputs() * epilogue_loads(conv.film.is_some(), conv.residual.is_some());
+    let stores = block.outputs() * if conv.shuffle == super::Shuffle::Unshuffle { 4 } else { 1 };
+    let (width, height) = conv.result_size();
+    Accesses::each(block.invocations(conv.tiles.count(width, height), conv.channels), loads, stores)
+}
+
+fn separable3x3(call: &Separable3x3, contract: &Contract) -> Accesses {
+    let (block, pointwise) = (Block::of(contract), &call.pointwise);
+    let per_four_inputs = 10 + (block.x + 2) * (block.y + 2) + block.weight_loads(contract);
+    let loads = block.vectors
+        + u64::from(call.depthwise.src.channels / 4) * per_four_inputs
+        + block.outputs() * epilogue_loads(pointwise.film.is_some(), pointwise.residual.is_some());
+    let tiles = pointwise.tiles.count(pointwise.dst.width, pointwise.dst.height);
+    Accesses::each(block.invocations(tiles, pointwise.dst.channels), loads, block.outputs())
 }
 
 fn linear(call: &Linear, contract: &Contract) -> Accesses {

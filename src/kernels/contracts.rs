@@ -36,6 +36,16 @@ push_constants! {
 }
 
 push_constants! {
+    /// Depthwise and pointwise convolution in one.
+    Separable3x3Push {
+        src: Address, dst: Address, weights: Address, film: Address, residual: Address, depthwise: Address, tiles: Address,
+        width: U32, height: U32, src_stride: U32, src_channels: U32,
+        dst_stride: U32, dst_channels: U32, residual_stride: U32, bias_vectors: U32,
+        tiles_x: U32, tile_count: U32, flags: U32, inner_flags: U32,
+    }
+}
+
+push_constants! {
     /// Layer normalisation of every token.
     LayerNormPush {
         src: Address, dst: Address, weights: Address, tiles: Address,
@@ -178,6 +188,13 @@ const LINEAR_TEXELS: &[Binding] = &[
     RESIDUAL_TEXELS,
     Binding { name: "src_b_texels", ty: BindingType::TexelBuffer },
 ];
+const SEPARABLE_TEXELS: &[Binding] = &[
+    SRC_TEXELS,
+    WEIGHTS_TEXELS,
+    FILM_TEXELS,
+    RESIDUAL_TEXELS,
+    Binding { name: "depthwise_texels", ty: BindingType::TexelBuffer },
+];
 const MAP_TEXELS: &[Binding] = &[SRC_TEXELS, WEIGHTS_TEXELS];
 const ATTENTION_TEXELS: &[Binding] = &[
     Binding { name: "x_texels", ty: BindingType::TexelBuffer },
@@ -204,19 +221,34 @@ contracts! {
         { "STRIDE": "1", "TX": "2", "TY": "2", "NV": "8" } &[], &[];
     /// The same for CPU drivers.
     CONV3X3_CPU = "conv3x3_cpu" "conv3x3.comp" Conv3x3Push
-        { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_SHARED": "1", "TEXELS": "1" } CONV_TEXELS, CPU;
+        { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_SHARED": "1", "TEXELS": "1", "TAP_BY_TAP": "1" } CONV_TEXELS, CPU;
     /// Convolution, stride 2.
     CONV3X3_S2 = "conv3x3_s2" "conv3x3.comp" Conv3x3Push
         { "STRIDE": "2", "TX": "2", "TY": "2", "NV": "8" } &[], &[];
     /// The same for CPU drivers.
     CONV3X3_S2_CPU = "conv3x3_s2_cpu" "conv3x3.comp" Conv3x3Push
-        { "STRIDE": "2", "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_SHARED": "1", "TEXELS": "1" } CONV_TEXELS, CPU;
+        { "STRIDE": "2", "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_SHARED": "1", "TEXELS": "1", "TAP_BY_TAP": "1" } CONV_TEXELS, CPU;
     /// Convolution to at most 4 channels.
     CONV3X3_N4 = "conv3x3_n4" "conv3x3.comp" Conv3x3Push
         { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "1" } &[], &[];
     /// The same for CPU drivers.
     CONV3X3_N4_CPU = "conv3x3_n4_cpu" "conv3x3.comp" Conv3x3Push
         { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "1", "TEXELS": "1" } CONV_TEXELS, CPU;
+    /// Convolution by F(2x2, 3x3).
+    WINOGRAD3X3_F2 = "winograd3x3_f2" "winograd3x3.comp" Conv3x3Push { "OUT": "2", "TX": "1", "NV": "2" } &[], &[];
+    /// The same for CPU drivers.
+    WINOGRAD3X3_F2_CPU = "winograd3x3_f2_cpu" "winograd3x3.comp" Conv3x3Push
+        { "OUT": "2", "TX": "2", "NV": "4", "WEIGHTS_BROADCAST": "1", "TEXELS": "1" } CONV_TEXELS, CPU;
+    /// Convolution by F(4x4, 3x3).
+    WINOGRAD3X3_F4 = "winograd3x3_f4" "winograd3x3.comp" Conv3x3Push { "OUT": "4", "TX": "1", "NV": "1" } &[], &[];
+    /// The same for CPU drivers.
+    WINOGRAD3X3_F4_CPU = "winograd3x3_f4_cpu" "winograd3x3.comp" Conv3x3Push
+        { "OUT": "4", "TX": "1", "NV": "4", "WEIGHTS_BROADCAST": "1", "TEXELS": "1" } CONV_TEXELS, CPU;
+    /// Depthwise and pointwise convolution in one, tiles of 32 channels.
+    SEPARABLE3X3 = "separable3x3" "separable3x3.comp" Separable3x3Push { "TX": "2", "TY": "2", "NV": "8" } &[], &[];
+    /// The same for CPU drivers.
+    SEPARABLE3X3_CPU = "separable3x3_cpu" "separable3x3.comp" Separable3x3Push
+        { "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_BROADCAST": "1", "TEXELS": "1" } SEPARABLE_TEXELS, CPU;
     /// Pointwise convolution, tiles of 32 channels.
     LINEAR = "linear" "linear.comp" LinearPush { "TX": "2", "TY": "2", "NV": "8" } &[], &[];
     /// The same for CPU drivers.

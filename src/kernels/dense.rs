@@ -75,8 +75,22 @@ impl Kernel for Conv3x3 {
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {
+        self.push_with(at, self.channels.next_multiple_of(conv_tile_channels(self.channels)) / 4)
+    }
+
+    fn texels(&self) -> Vec<TexelRange> {
+        dense_texels(&self.src, self.weights, self.film, self.residual.as_ref())
+    }
+
+    fn traffic(&self, element: u64) -> Traffic {
+        self.traffic_with((u64::from(self.src.channels) * 9 + 1) * u64::from(self.channels) * 4, element)
+    }
+}
+
+impl Conv3x3 {
+    /// Push constants; the packed weights begin with so many vectors of biases.
+    pub(super) fn push_with(&self, at: &Addresses, bias_vectors: u32) -> PushBytes {
         let (width, height) = self.result_size();
-        let tile = conv_tile_channels(self.channels);
         let shuffle = match self.shuffle {
             Shuffle::None => 0,
             Shuffle::Unshuffle => flags::UNSHUFFLE,
@@ -97,19 +111,15 @@ impl Kernel for Conv3x3 {
             dst_stride: self.dst.stride / 4,
             dst_channels: self.channels / 4,
             residual_stride: self.residual.map_or(0, |r| r.stride / 4),
-            bias_vectors: self.channels.next_multiple_of(tile) / 4,
+            bias_vectors,
             tiles_x: width / super::TILE,
             tile_count: self.tiles.count(width, height),
             flags: shuffle | epilogue_flags(self.activation, self.film, self.residual.as_ref(), &self.tiles),
         })
     }
 
-    fn texels(&self) -> Vec<TexelRange> {
-        dense_texels(&self.src, self.weights, self.film, self.residual.as_ref())
-    }
-
-    fn traffic(&self, element: u64) -> Traffic {
-        let weights = (u64::from(self.src.channels) * 9 + 1) * u64::from(self.channels) * 4;
+    /// Memory that it touches, so many bytes of it weights.
+    pub(super) fn traffic_with(&self, weights: u64, element: u64) -> Traffic {
         let mut traffic = dense_traffic(&[&self.src], &self.dst, self.weights, weights, element);
         traffic.reads.extend(self.film.map(|film| (film, u64::from(self.channels) * 8)));
         traffic.reads.extend(self.residual.map(|r| (r.buffer, r.elements() * element)));
@@ -139,6 +149,10 @@ pub struct Linear {
 }
 
 impl Linear {
+    pub(super) fn flags(&self) -> u32 {
+        epilogue_flags(self.activation, self.film, self.residual.as_ref(), &self.tiles)
+    }
+
     fn inputs(&self) -> u32 {
         self.src.channels + self.src_b.map_or(0, |b| b.channels)
     }
@@ -174,7 +188,7 @@ impl Kernel for Linear {
             bias_vectors: self.dst.channels.next_multiple_of(TILE_CHANNELS) / 4,
             tiles_x: self.dst.width / super::TILE,
             tile_count: self.tiles.count(self.dst.width, self.dst.height),
-            flags: epilogue_flags(self.activation, self.film, self.residual.as_ref(), &self.tiles),
+            flags: self.flags(),
         })
     }
 
@@ -202,7 +216,12 @@ fn epilogue_flags(activation: Activation, film: Option<BufferId>, residual: Opti
 }
 
 /// A descriptor must be valid although its buffer is never read: the source stands in for what is missing.
-fn dense_texels(src: &View, weights: BufferId, film: Option<BufferId>, residual: Option<&View>) -> Vec<TexelRange> {
+pub(super) fn dense_texels(
+    src: &View,
+    weights: BufferId,
+    film: Option<BufferId>,
+    residual: Option<&View>,
+) -> Vec<TexelRange> {
     vec![src.into(), weights.into(), film.unwrap_or(weights).into(), residual.unwrap_or(src).into()]
 }
 

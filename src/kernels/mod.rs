@@ -11,9 +11,11 @@ pub mod dense;
 pub mod film;
 pub mod frame_io;
 pub mod maps;
+pub mod separable;
 pub mod spirv;
 pub mod stats;
 pub mod window_attention;
+pub mod winograd;
 
 use contract::Contract;
 
@@ -227,10 +229,14 @@ pub trait Kernel {
 pub enum Call {
     /// Dense 3x3 convolution.
     Conv3x3(dense::Conv3x3),
+    /// The same by Winograd's minimal filtering.
+    Winograd3x3(winograd::Winograd3x3),
     /// Pointwise convolution.
     Linear(dense::Linear),
     /// Depthwise 3x3 convolution.
     Depthwise3x3(maps::Depthwise3x3),
+    /// Depthwise and pointwise convolution in one.
+    Separable3x3(separable::Separable3x3),
     /// Layer normalisation.
     LayerNorm(maps::LayerNorm),
     /// Joint window attention.
@@ -262,8 +268,10 @@ impl Call {
     pub fn kernel(&self) -> &dyn Kernel {
         match self {
             Self::Conv3x3(k) => k,
+            Self::Winograd3x3(k) => k,
             Self::Linear(k) => k,
             Self::Depthwise3x3(k) => k,
+            Self::Separable3x3(k) => k,
             Self::LayerNorm(k) => k,
             Self::WindowAttention(k) => k,
             Self::TokenSum(k) => k,

@@ -2,9 +2,11 @@
 
 use super::arena::{self, Request};
 use super::pack::{Pack, linear_outputs};
+use super::choices::{ConvAlgorithm, SeparableForm, conv_pack, fuse, is_separable};
 use super::{Buffer, Dispatch, ELEMENT_BYTES, Place, Plan, hazards};
 use crate::error::{Error, Result};
 use crate::frame::Extent;
+use crate::kernels::winograd::Winograd3x3;
 use crate::kernels::{BufferId, Call, Tiles, View, dense, film, frame_io, maps, stats, window_attention};
 use crate::net::cost::op_flops;
 use crate::net::graph::{Graph, Op, OpKind, Shape, Slice, Stage, ValueId, conv_outputs};
@@ -20,6 +22,22 @@ pub struct PlanOptions {
     pub max_block_bytes: u64,
     /// Gives every buffer a place of its own, so that all can be looked at after a run.
     pub keep_all: bool,
+    /// How dense 3x3 convolutions are computed.
+    pub conv: ConvAlgorithm,
+    /// How depthwise and pointwise convolutions that belong together are.
+    pub separable: SeparableForm,
+}
+
+impl Default for PlanOptions {
+    /// No limit on memory, buffers share it; direct convolutions, two kernels.
+    fn default() -> Self {
+        Self {
+            max_block_bytes: u64::MAX,
+            keep_all: false,
+            conv: ConvAlgorithm::default(),
+            separable: SeparableForm::default(),
+        }
+    }
 }
 
 /// Plans one forward pass over a frame of `extent`.
@@ -27,13 +45,11 @@ pub struct PlanOptions {
 /// # Errors
 /// [`Error::EmptyFrame`]; [`Error::FrameTooLarge`] where a map exceeds `max_block_bytes` or a side 262144 pixels.
 pub fn plan(graph: &Graph, extent: Extent, options: &PlanOptions) -> Result<Plan> {
-    let mut lowering = Lowering::new(graph, extent, padded(graph, extent)?);
+    let mut lowering = Lowering::new(graph, extent, padded(graph, extent)?, options);
     lowering.frame_in();
-    for op in &graph.ops {
-        lowering.op(op);
-    }
+    lowering.ops();
     lowering.frame_out();
-    lowering.finish(options, &[]).map_err(|bytes| map_too_large(extent, bytes, options))
+    lowering.finish(&[]).map_err(|bytes| map_too_large(extent, bytes, options))
 }
 
 /// Plans a graph's operations alone, without the frame around them: the caller fills [`Plan::log_color`] and [`Plan::aux`]
@@ -42,12 +58,10 @@ pub fn plan(graph: &Graph, extent: Extent, options: &PlanOptions) -> Result<Plan
 /// # Errors
 /// As [`plan`].
 pub fn plan_part(graph: &Graph, extent: Extent, options: &PlanOptions) -> Result<Plan> {
-    let mut lowering = Lowering::new(graph, extent, padded(graph, extent)?);
+    let mut lowering = Lowering::new(graph, extent, padded(graph, extent)?, options);
     let kept = [graph.color, graph.aux, graph.residual].map(|value| lowering.value(value));
-    for op in &graph.ops {
-        lowering.op(op);
-    }
-    lowering.finish(options, &kept).map_err(|bytes| map_too_large(extent, bytes, options))
+    lowering.ops();
+    lowering.finish(&kept).map_err(|bytes| map_too_large(extent, bytes, options))
 }
 
 /// The size that the network works on.
@@ -76,6 +90,7 @@ struct Partials {
 
 struct Lowering<'a> {
     graph: &'a Graph,
+    options: &'a PlanOptions,
     extent: Extent,
     padded: Extent,
     buffers: Vec<Buffer>,
@@ -89,9 +104,10 @@ struct Lowering<'a> {
 }
 
 impl<'a> Lowering<'a> {
-    fn new(graph: &'a Graph, extent: Extent, padded: Extent) -> Self {
+    fn new(graph: &'a Graph, extent: Extent, padded: Extent, options: &'a PlanOptions) -> Self {
         let mut lowering = Self {
             graph,
+            options,
             extent,
             padded,
             buffers: Vec::new(),
@@ -206,19 +222,39 @@ impl<'a> Lowering<'a> {
         self.push("output", Stage::Output, 0, Call::Output(output));
     }
 
-    fn op(&mut self, op: &Op) {
-        let flops = op_flops(self.graph, op, self.padded.width, self.padded.height).total();
-        let call = match &op.kind {
+    fn ops(&mut self) {
+        let graph = self.graph;
+        let fused = self.options.separable == SeparableForm::Fused;
+        let mut at = 0;
+        while let Some(op) = graph.ops.get(at) {
+            let call = self.op(op);
+            let flops = self.flops(op);
+            match graph.ops.get(at + 1).filter(|_| fused && is_separable(graph, at)) {
+                Some(next) => {
+                    let (call, flops) = (fuse(call, self.op(next)), flops + self.flops(next));
+                    self.push(&next.name, next.stage, flops, call);
+                    at += 2;
+                }
+                None => {
+                    self.push(&op.name, op.stage, flops, call);
+                    at += 1;
+                }
+            }
+        }
+    }
+
+    fn flops(&self, op: &Op) -> u64 {
+        op_flops(self.graph, op, self.padded.width, self.padded.height).total()
+    }
+
+    /// The kernel of an operation. Kernels that must run before it are pushed.
+    fn op(&mut self, op: &Op) -> Call {
+        match &op.kind {
             OpKind::Conv3x3 { input, weight, bias, stride, activation, shuffle, film, residual, output } => {
                 let channels = conv_outputs(*shuffle, *output);
-                let pack = Pack::Conv3x3 {
-                    weight: weight.clone(),
-                    bias: *bias,
-                    inputs: input.channels,
-                    outputs: channels,
-                    shuffle: *shuffle == crate::kernels::Shuffle::Shuffle,
-                };
-                Call::Conv3x3(dense::Conv3x3 {
+                let tile = self.options.conv.tile(*stride, channels);
+                let pack = conv_pack(weight, *bias, (input.channels, channels), *shuffle, tile);
+                let conv = dense::Conv3x3 {
                     src: self.view(*input),
                     dst: self.view(*output),
                     channels: channels.next_multiple_of(4),
@@ -229,7 +265,11 @@ impl<'a> Lowering<'a> {
                     activation: *activation,
                     shuffle: *shuffle,
                     tiles: Tiles::All,
-                })
+                };
+                match tile {
+                    Some(tile) => Call::Winograd3x3(Winograd3x3 { conv, tile }),
+                    None => Call::Conv3x3(conv),
+                }
             }
             OpKind::Linear { inputs, weight, activation, film, residual, output } => {
                 debug_assert_eq!(linear_outputs(weight), output.channels, "{}", op.name);
@@ -314,8 +354,7 @@ impl<'a> Lowering<'a> {
                     outputs,
                 })
             }
-        };
-        self.push(&op.name, op.stage, flops, call);
+        }
     }
 
     fn layer_norm(&mut self, input: Slice, norm: &str, dst: View) -> Call {
@@ -326,7 +365,8 @@ impl<'a> Lowering<'a> {
 
     /// Places the buffers, those of `kept` for all the time, and finds the barriers. Fails with the size of a buffer that no
     /// block holds.
-    fn finish(mut self, options: &PlanOptions, kept: &[BufferId]) -> Result<Plan, u64> {
+    fn finish(mut self, kept: &[BufferId]) -> Result<Plan, u64> {
+        let options = self.options;
         let end = self.dispatches.len();
         let mut times: Vec<Option<(usize, usize)>> = vec![None; self.buffers.len()];
         for (at, dispatch) in self.dispatches.iter().enumerate() {

@@ -2,15 +2,18 @@
 //! costed, recorded, and computed again on the CPU in f64 from the same list.
 
 mod arena;
+mod choices;
 mod hazards;
 mod lower;
 pub mod pack;
+mod winograd;
 
 use crate::frame::Extent;
 use crate::kernels::{BufferId, Call, Traffic, View};
 use crate::net::graph::Stage;
 use pack::Pack;
 
+pub use choices::{ConvAlgorithm, SeparableForm};
 pub use lower::{PlanOptions, plan, plan_part};
 
 /// Where a buffer of the plan lies.

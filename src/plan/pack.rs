@@ -1,7 +1,9 @@
 //! How weights lie in device memory: 32-bit, in the order in which a kernel reads them, padded with zeros to what it
 //! computes at once.
 
+use super::winograd;
 use crate::kernels::dense::{TILE_CHANNELS, conv_tile_channels};
+use crate::kernels::winograd::{WINOGRAD_CHANNELS, WinogradTile};
 use crate::net::graph::LinearWeight;
 use crate::net::weights::{Weights, WeightsError};
 
@@ -26,7 +28,23 @@ pub enum Pack {
         /// Whether a pixel shuffle follows.
         shuffle: bool,
     },
-    /// The same with one tap.
+    /// `[bias | [output / 4][input / 4][point][4 inputs][4 outputs]]` of a dense 3x3 convolution by Winograd's filtering,
+    /// outputs ordered as in [`Pack::Conv3x3`] and padded to a multiple of [`WINOGRAD_CHANNELS`].
+    Winograd3x3 {
+        /// Tensor prefix.
+        weight: String,
+        /// Whether there is a bias tensor.
+        bias: bool,
+        /// The network's input channels.
+        inputs: u32,
+        /// The network's output channels.
+        outputs: u32,
+        /// Whether a pixel shuffle follows.
+        shuffle: bool,
+        /// Which transform.
+        tile: WinogradTile,
+    },
+    /// The same as [`Pack::Conv3x3`] with one tap.
     Linear(LinearWeight),
     /// `[bias | 9 taps]`, each of all channels.
     Depthwise {
@@ -69,6 +87,9 @@ impl Pack {
         };
         match self {
             Self::Conv3x3 { inputs, outputs, .. } => dense(*inputs, *outputs, 9, conv_tile_channels(*outputs)),
+            Self::Winograd3x3 { inputs, outputs, tile, .. } => {
+                dense(*inputs, *outputs, tile.inputs().pow(2), WINOGRAD_CHANNELS)
+            }
             Self::Linear(w) => dense(w.columns.len() as u32, linear_outputs(w), 1, TILE_CHANNELS),
             Self::Depthwise { channels, .. } => 10 * *channels as usize,
             Self::Norm { channels, .. } => 2 * *channels as usize,
@@ -102,6 +123,24 @@ impl Pack {
                 dense.write(out, |n| biases.map_or(0.0, |b| b[row(n)]), |n, k, tap| {
                     source[(row(n) * inputs + k) * 9 + tap]
                 });
+            }
+            Self::Winograd3x3 { weight, bias, inputs, outputs, shuffle, tile } => {
+                let source = tensor(weight, "weight")?;
+                let biases = if *bias { Some(tensor(weight, "bias")?) } else { None };
+                let (inputs, outputs) = (*inputs as usize, *outputs as usize);
+                let row = |n: usize| if *shuffle { n % (outputs / 4) * 4 + n / (outputs / 4) } else { n };
+                let points = tile.inputs().pow(2) as usize;
+                let (bias, matrix) = out.split_at_mut(outputs.next_multiple_of(WINOGRAD_CHANNELS as usize));
+                for n in 0..outputs {
+                    bias[n] = biases.map_or(0.0, |b| b[row(n)]);
+                    for k in 0..inputs {
+                        let taps = std::array::from_fn(|tap| f64::from(source[(row(n) * inputs + k) * 9 + tap]));
+                        let block = (n / 4 * inputs.div_ceil(4) + k / 4) * points;
+                        for (point, value) in winograd::transform(*tile, taps).into_iter().enumerate() {
+                            matrix[((block + point) * 4 + k % 4) * 4 + n % 4] = value as f32;
+                        }
+                    }
+                }
             }
             Self::Linear(w) => {
                 let mut rows = Vec::new();

@@ -50,8 +50,9 @@ impl PartRunner {
         options: &PlanOptions,
     ) -> Result<Self> {
         let limit = Engine::max_block_bytes(device).min(options.max_block_bytes);
-        let plan = plan_part(graph, extent, &PlanOptions { max_block_bytes: limit, ..*options })?;
-        let engine = Arc::new(Engine::of_plan(device, graph.clone(), &plan, weights)?);
+        let options = PlanOptions { max_block_bytes: limit, ..*options };
+        let plan = plan_part(graph, extent, &options)?;
+        let engine = Arc::new(Engine::of_plan(device, graph.clone(), &plan, weights, options)?);
         let pass = Pass::of_plan(&engine, plan)?;
         // SAFETY: no images.
         let binding = unsafe { pass.bind(None, engine.variants(), FrameArgs::default()) }?;

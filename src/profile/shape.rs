@@ -1,5 +1,6 @@
 //! What a dispatch works on, in words that all kernels share.
 
+use crate::kernels::winograd::Winograd3x3;
 use crate::kernels::{Call, View};
 use std::fmt;
 
@@ -28,7 +29,7 @@ impl Shape {
         let of = |width, height, inputs, outputs| Self { width, height, inputs, outputs };
         let between = |src: &View, dst: &View| of(dst.width, dst.height, src.channels, dst.channels);
         match call {
-            Call::Conv3x3(k) => {
+            Call::Conv3x3(k) | Call::Winograd3x3(Winograd3x3 { conv: k, .. }) => {
                 let (width, height) = k.result_size();
                 of(width, height, k.src.channels, k.channels)
             }
@@ -36,6 +37,7 @@ impl Shape {
                 let inputs = k.src.channels + k.src_b.map_or(0, |b| b.channels);
                 of(k.dst.width, k.dst.height, inputs, k.dst.channels)
             }
+            Call::Separable3x3(k) => between(&k.depthwise.src, &k.pointwise.dst),
             Call::Depthwise3x3(k) => between(&k.src, &k.dst),
             Call::LayerNorm(k) => between(&k.src, &k.dst),
             Call::WindowAttention(k) => of(k.dst.width, k.dst.height, k.x.channels + k.f.channels, k.dst.channels),

@@ -27,13 +27,18 @@ pub fn linear(reference: &mut Reference, call: &Linear) {
     if let Some(src_b) = &call.src_b {
         src = src.beside(&reference.map(src_b));
     }
-    let mut result = reference.matrix(call.weights).apply(&src, 1, call.dst.channels as usize);
-    reference.finish(&mut result, call.film, call.residual.as_ref(), call.activation);
-    let tiles = reference.tiles(&call.tiles, call.dst.width, call.dst.height);
-    reference.store(&result, &call.dst, &tiles, |x, y, channel| (x, y, channel));
+    reference.pointwise(&src, call);
 }
 
 impl Reference<'_> {
+    /// A Linear on a map instead of its own sources.
+    pub(super) fn pointwise(&mut self, src: &Map, call: &Linear) {
+        let mut result = self.matrix(call.weights).apply(src, 1, call.dst.channels as usize);
+        self.finish(&mut result, call.film, call.residual.as_ref(), call.activation);
+        let tiles = self.tiles(&call.tiles, call.dst.width, call.dst.height);
+        self.store(&result, &call.dst, &tiles, |x, y, channel| (x, y, channel));
+    }
+
     fn matrix(&self, weights: BufferId) -> &Matrix {
         match self.parameters(weights) {
             Parameters::Dense(matrix) => matrix,

@@ -12,24 +12,32 @@ const EPSILON: f64 = 1e-5;
 
 /// `act(depthwise3x3(src) + bias)`.
 pub fn depthwise3x3(reference: &mut Reference, call: &Depthwise3x3) {
-    let src = reference.map(&call.src).bordered();
-    let weights = match reference.parameters(call.weights) {
-        Parameters::Depthwise(weights) => weights,
-        other => unreachable!("depthwise3x3 is given {other:?}"),
-    };
-    let mut result = Map::zeros(src.width - 2, src.height - 2, src.channels);
-    let (width, channels) = (result.width, result.channels);
-    for_each_row(&mut result.values, width * channels, |y, row| {
-        for x in 0..width {
-            let window: [&[f64]; 9] = std::array::from_fn(|tap| src.token(x + tap % 3, y + tap / 3));
-            for (channel, (bias, taps)) in weights.iter().enumerate() {
-                let products = window.iter().zip(taps).map(|(token, tap)| token[channel] * tap);
-                row[x * channels + channel] = activate(call.activation, bias + products.sum::<f64>());
-            }
-        }
-    });
+    let result = reference.depthwise(call);
     let tiles = reference.tiles(&call.tiles, call.dst.width, call.dst.height);
     reference.store(&result, &call.dst, &tiles, |x, y, channel| (x, y, channel));
+}
+
+impl Reference<'_> {
+    /// A depthwise convolution's result, not stored.
+    pub(super) fn depthwise(&self, call: &Depthwise3x3) -> Map {
+        let src = self.map(&call.src).bordered();
+        let weights = match self.parameters(call.weights) {
+            Parameters::Depthwise(weights) => weights,
+            other => unreachable!("depthwise3x3 is given {other:?}"),
+        };
+        let mut result = Map::zeros(src.width - 2, src.height - 2, src.channels);
+        let (width, channels) = (result.width, result.channels);
+        for_each_row(&mut result.values, width * channels, |y, row| {
+            for x in 0..width {
+                let window: [&[f64]; 9] = std::array::from_fn(|tap| src.token(x + tap % 3, y + tap / 3));
+                for (channel, (bias, taps)) in weights.iter().enumerate() {
+                    let products = window.iter().zip(taps).map(|(token, tap)| token[channel] * tap);
+                    row[x * channels + channel] = activate(call.activation, bias + products.sum::<f64>());
+                }
+            }
+        });
+        result
+    }
 }
 
 /// Every token to mean 0 and variance 1 over its channels, then gain and bias.

@@ -12,6 +12,7 @@ mod maps;
 mod matrix;
 mod parallel;
 mod parameters;
+mod separable;
 mod stats;
 mod tiles;
 mod window_attention;
@@ -127,8 +128,10 @@ impl<'a> Reference<'a> {
     pub fn run_call(&mut self, call: &Call) {
         match call {
             Call::Conv3x3(k) => dense::conv3x3(self, k),
+            Call::Winograd3x3(k) => dense::conv3x3(self, &k.conv),
             Call::Linear(k) => dense::linear(self, k),
             Call::Depthwise3x3(k) => maps::depthwise3x3(self, k),
+            Call::Separable3x3(k) => separable::separable3x3(self, k),
             Call::LayerNorm(k) => maps::layer_norm(self, k),
             Call::WindowAttention(k) => window_attention::window_attention(self, k),
             Call::TokenSum(k) => film::token_sum(self, k),

@@ -25,7 +25,8 @@ impl Parameters {
         let named = |name: &str| weights.tensor(name).map(|tensor| &tensor.data[..]);
         let tensor = |prefix: &str, name: &str| named(&format!("{prefix}.{name}"));
         Ok(match pack {
-            Pack::Conv3x3 { weight, bias, inputs, outputs, .. } => {
+            Pack::Conv3x3 { weight, bias, inputs, outputs, .. }
+            | Pack::Winograd3x3 { weight, bias, inputs, outputs, .. } => {
                 let (inputs, outputs) = (*inputs as usize, *outputs as usize);
                 let mut matrix = Matrix::zeros(9, inputs, outputs);
                 for (output, row) in tensor(weight, "weight")?.chunks_exact(9 * inputs).take(outputs).enumerate() {

@@ -14,7 +14,7 @@ use vkdenoise::testing::Bench;
 /// The plan of these weights' network.
 pub fn plan_of(weights: &Weights, extent: Extent) -> Plan {
     let graph = Graph::new(weights.arch()).unwrap();
-    plan(&graph, extent, &PlanOptions { max_block_bytes: u64::MAX, keep_all: true }).unwrap()
+    plan(&graph, extent, &PlanOptions { keep_all: true, ..PlanOptions::default() }).unwrap()
 }
 
 /// Where the dispatches of the network proper lie in a plan: after the inputs, before the output.

@@ -80,7 +80,9 @@ struct Engine {
 impl Engine {
     fn open(args: &Args, weights: &Weights) -> Result<Self, Error> {
         let selector = args.device.clone().or_else(DeviceSelector::from_env).unwrap_or_default();
-        let options = Options { precision: args.precision, exposure: args.exposure, blend: args.blend };
+        let Args { precision, exposure, blend, .. } = args;
+        let options =
+            Options { precision: *precision, exposure: *exposure, blend: *blend, ..Options::default() };
         let device = Device::open(&selector)?;
         let denoiser = Denoiser::new(&device, weights, &options)?;
         Ok(Self { device, denoiser })

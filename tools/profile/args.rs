@@ -1,8 +1,10 @@
 //! The command line.
 
-use clap::{Args, Parser, Subcommand};
+use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
+use vkdenoise::kernels::winograd::WinogradTile;
 use vkdenoise::net::Arch;
+use vkdenoise::plan::{ConvAlgorithm, SeparableForm};
 use vkdenoise::{DeviceSelector, Extent};
 
 /// Where the time goes: networks, blocks and convolutions, kernel by kernel, by timestamps in the command buffer.
@@ -28,10 +30,54 @@ pub enum Command {
         /// Frame size
         #[arg(long, value_name = "WxH", default_value = "512x512", value_parser = size)]
         size: Extent,
+        /// How dense 3x3 convolutions are computed; as suits the device where it is left out
+        #[arg(long, value_name = "K")]
+        conv: Option<Conv>,
+        /// How depthwise-separable convolutions are computed; as suits the device where it is left out
+        #[arg(long, value_name = "F")]
+        separable: Option<Separable>,
         #[command(flatten)]
         common: Common,
         #[command(flatten)]
         output: Output,
+    },
+    /// One convolution: standard (direct, Winograd) against depthwise-separable (two kernels, fused)
+    Conv {
+        /// Size of the map
+        #[arg(long, value_name = "WxH", default_value = "1024x1024", value_parser = size)]
+        size: Extent,
+        /// Channels in and out
+        #[arg(long, value_name = "C", default_value_t = 32)]
+        channels: u32,
+        #[command(flatten)]
+        common: Common,
+        #[command(flatten)]
+        output: Output,
+    },
+    /// One block: FiLM-CNN against SH-JSA
+    Blocks {
+        /// Sides of the maps
+        #[arg(long, value_name = "N,...", value_delimiter = ',', default_values_t = [128, 256, 512])]
+        sizes: Vec<u32>,
+        /// Channels
+        #[arg(long, value_name = "C,...", value_delimiter = ',', default_values_t = [32, 64])]
+        channels: Vec<u32>,
+        #[command(flatten)]
+        common: Common,
+        /// Print JSON
+        #[arg(long)]
+        json: bool,
+    },
+    /// The ten networks of the thesis: parameters, FLOPs, times
+    Tables {
+        /// Frame size
+        #[arg(long, value_name = "WxH", default_value = "256x256", value_parser = size)]
+        size: Extent,
+        #[command(flatten)]
+        common: Common,
+        /// Print JSON
+        #[arg(long)]
+        json: bool,
     },
     /// What the device can do at most: multiply-adds and copies
     Roof {
@@ -41,6 +87,45 @@ pub enum Command {
         #[arg(long)]
         json: bool,
     },
+}
+
+/// Forms of dense 3x3 convolution.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Conv {
+    /// By the definition
+    Direct,
+    /// Winograd's F(2x2, 3x3)
+    Winograd2,
+    /// Winograd's F(4x4, 3x3)
+    Winograd4,
+}
+
+impl From<Conv> for ConvAlgorithm {
+    fn from(conv: Conv) -> Self {
+        match conv {
+            Conv::Direct => Self::Direct,
+            Conv::Winograd2 => Self::Winograd(WinogradTile::F2),
+            Conv::Winograd4 => Self::Winograd(WinogradTile::F4),
+        }
+    }
+}
+
+/// Forms of depthwise-separable convolution.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Separable {
+    /// Depthwise, then pointwise
+    TwoKernels,
+    /// Both in one kernel
+    Fused,
+}
+
+impl From<Separable> for SeparableForm {
+    fn from(separable: Separable) -> Self {
+        match separable {
+            Separable::TwoKernels => Self::TwoKernels,
+            Separable::Fused => Self::Fused,
+        }
+    }
 }
 
 /// What every measurement takes.

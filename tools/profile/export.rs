@@ -1,8 +1,33 @@
 //! CSV and Chrome traces.
 
+use crate::Failure;
+use crate::args::Output;
 use crate::rows::Row;
 use serde_json::{Value, json};
+use std::path::Path;
 use vkdenoise::KernelRecord;
+
+/// Writes the CSV and the trace of a run that `output` asks for.
+pub fn files(title: &str, run: &[KernelRecord], rows: &[Row], output: &Output) -> Result<(), Failure> {
+    let write = |path: &Path, text: String| {
+        std::fs::write(path, text).map_err(|error| Failure(format!("{}: {error}", path.display())))
+    };
+    if let Some(path) = &output.csv {
+        write(path, csv(rows))?;
+    }
+    if let Some(path) = &output.trace {
+        write(path, trace(title, run).to_string())?;
+    }
+    Ok(())
+}
+
+/// The run of the median total; empty where there is none.
+pub fn middle(runs: &[Vec<KernelRecord>]) -> &[KernelRecord] {
+    let total = |run: &&Vec<KernelRecord>| run.iter().map(|record| record.microseconds).sum::<f64>();
+    let mut sorted: Vec<_> = runs.iter().collect();
+    sorted.sort_by(|a, b| total(a).total_cmp(&total(b)));
+    sorted.get(sorted.len() / 2).map_or(&[], |run| run.as_slice())
+}
 
 /// The rows as CSV, a head first. No cell needs quotes: names are of letters, digits and dots.
 pub fn csv(rows: &[Row]) -> String {

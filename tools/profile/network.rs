@@ -7,7 +7,6 @@ use crate::session::Session;
 use crate::summary::Summary;
 use crate::{Failure, export, table};
 use serde_json::json;
-use std::path::Path;
 use vkdenoise::net::{Arch, DepthRule, ExposureRule, Preprocessing};
 use vkdenoise::{
     Denoiser, Error, Extent, Features, Frame, KernelRecord, Layout, Options, Plane, PlaneMut, Report, Weights,
@@ -30,8 +29,14 @@ pub fn weights(arch: &Arch) -> Result<Weights, Error> {
 }
 
 /// Runs a network on a frame with all features; plain and profiled passes in turn, where `profile` and the device allow.
-pub fn measure(session: &Session, arch: &Arch, extent: Extent, profile: bool) -> Result<Measured, Error> {
-    let mut denoiser = Denoiser::new(&session.device, &weights(arch)?, &Options::default())?;
+pub fn measure(
+    session: &Session,
+    arch: &Arch,
+    extent: Extent,
+    options: &Options,
+    profile: bool,
+) -> Result<Measured, Error> {
+    let mut denoiser = Denoiser::new(&session.device, &weights(arch)?, options)?;
     let pixels = extent.pixels() as usize;
     // Any picture does as well.
     let noise = |i: usize| (i.wrapping_mul(2_654_435_761) >> 16 & 0xffff) as f32 / 65536.0;
@@ -67,12 +72,29 @@ pub fn measure(session: &Session, arch: &Arch, extent: Extent, profile: bool) ->
 }
 
 /// The subcommand.
-pub fn network(session: &Session, name: &str, extent: Extent, output: &Output) -> Result<(), Failure> {
+pub fn network(
+    session: &Session,
+    name: &str,
+    extent: Extent,
+    options: &Options,
+    output: &Output,
+) -> Result<(), Failure> {
     let arch = Arch::named(name).ok_or_else(|| Failure(format!("there is no network called {name}")))?;
-    let measured = measure(session, &arch, extent, true)?;
+    let measured = measure(session, &arch, extent, options, true)?;
     let rows = rows::rows(&measured.runs, &session.roof);
     let title = format!("{name}, {}x{}", extent.width, extent.height);
-    write_files(&title, session, &measured.runs, &rows, output)?;
+    export::files(&title, export::middle(&measured.runs), &rows, output)?;
+    if let Some(path) = &output.plot {
+        let point = |row: &Row| Point {
+            series: row.kernel.clone(),
+            flop_per_byte: row.flop_per_byte,
+            flop_per_second: row.gflop_per_second * 1e9,
+        };
+        // What takes next to no time would only stretch the axes.
+        let shown = rows.iter().filter(|row| row.gflop > 0.0 && row.share > 1e-3);
+        let points: Vec<_> = shown.map(point).collect();
+        plot::roofline(path, &title, &session.roof, &points).map_err(Failure)?;
+    }
     let by_stage = rows::sums(&rows, &session.roof, |row| &row.stage);
     let by_kernel = rows::sums(&rows, &session.roof, |row| &row.kernel);
     let kernels_ms = rows.iter().map(|row| row.microseconds.median).sum::<f64>() * 1e-3;
@@ -96,41 +118,5 @@ pub fn network(session: &Session, name: &str, extent: Extent, output: &Output) -
         print!("\n{}\n{}", table::sums("stage", &by_stage), table::sums("kernel", &by_kernel));
     }
     println!();
-    Ok(())
-}
-
-/// Writes the files that were asked for.
-fn write_files(
-    title: &str,
-    session: &Session,
-    runs: &[Vec<KernelRecord>],
-    rows: &[Row],
-    output: &Output,
-) -> Result<(), Failure> {
-    let write = |path: &Path, text: String| {
-        std::fs::write(path, text).map_err(|error| Failure(format!("{}: {error}", path.display())))
-    };
-    if let Some(path) = &output.csv {
-        write(path, export::csv(rows))?;
-    }
-    if let Some(path) = &output.trace {
-        // The run in the middle.
-        let total = |run: &&Vec<KernelRecord>| run.iter().map(|record| record.microseconds).sum::<f64>();
-        let mut sorted: Vec<_> = runs.iter().collect();
-        sorted.sort_by(|a, b| total(a).total_cmp(&total(b)));
-        let middle = sorted.get(sorted.len() / 2).map_or(&[][..], |run| run.as_slice());
-        write(path, export::trace(title, middle).to_string())?;
-    }
-    if let Some(path) = &output.plot {
-        let point = |row: &Row| Point {
-            series: row.kernel.clone(),
-            flop_per_byte: row.flop_per_byte,
-            flop_per_second: row.gflop_per_second * 1e9,
-        };
-        // What takes next to no time would only stretch the axes.
-        let shown = rows.iter().filter(|row| row.gflop > 0.0 && row.share > 1e-3);
-        let points: Vec<_> = shown.map(point).collect();
-        plot::roofline(path, title, &session.roof, &points).map_err(Failure)?;
-    }
     Ok(())
 }

@@ -1,0 +1,66 @@
+//! A depthwise 3x3 convolution and the pointwise convolution after it as one kernel.
+
+use super::contract::Contract;
+use super::contracts::{self, Separable3x3Push};
+use super::dense::{Linear, TILE_CHANNELS, dense_texels};
+use super::maps::Depthwise3x3;
+use super::{Addresses, Kernel, PushBytes, TILE, TexelRange, Traffic, Variants, activation_flag};
+
+/// `pointwise(depthwise(src))`: the depthwise result is not stored, so neither its target nor the source of the pointwise
+/// one is touched.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Separable3x3 {
+    /// The first part, with its activation.
+    pub depthwise: Depthwise3x3,
+    /// The second part, of one source.
+    pub pointwise: Linear,
+}
+
+impl Kernel for Separable3x3 {
+    fn contract(&self, variants: Variants) -> &'static Contract {
+        if variants.cpu { &contracts::SEPARABLE3X3_CPU } else { &contracts::SEPARABLE3X3 }
+    }
+
+    fn groups(&self, variants: Variants) -> [u32; 3] {
+        self.pointwise.groups(variants)
+    }
+
+    fn push(&self, at: &Addresses) -> PushBytes {
+        let (src, pointwise) = (&self.depthwise.src, &self.pointwise);
+        PushBytes::new(&Separable3x3Push {
+            src: at.view(src),
+            dst: at.view(&pointwise.dst),
+            weights: at.of(pointwise.weights),
+            film: pointwise.film.map_or(0, |film| at.of(film)),
+            residual: at.view_or_null(pointwise.residual.as_ref()),
+            depthwise: at.of(self.depthwise.weights),
+            tiles: at.tiles(&pointwise.tiles),
+            width: src.width,
+            height: src.height,
+            src_stride: src.stride / 4,
+            src_channels: src.channels / 4,
+            dst_stride: pointwise.dst.stride / 4,
+            dst_channels: pointwise.dst.channels / 4,
+            residual_stride: pointwise.residual.map_or(0, |r| r.stride / 4),
+            bias_vectors: pointwise.dst.channels.next_multiple_of(TILE_CHANNELS) / 4,
+            tiles_x: src.width / TILE,
+            tile_count: pointwise.tiles.count(src.width, src.height),
+            flags: pointwise.flags(),
+            inner_flags: activation_flag(self.depthwise.activation),
+        })
+    }
+
+    fn texels(&self) -> Vec<TexelRange> {
+        let pointwise = &self.pointwise;
+        let residual = pointwise.residual.as_ref();
+        let mut ranges = dense_texels(&self.depthwise.src, pointwise.weights, pointwise.film, residual);
+        ranges.push(self.depthwise.weights.into());
+        ranges
+    }
+
+    fn traffic(&self, element: u64) -> Traffic {
+        let mut traffic = Linear { src: self.depthwise.src, ..self.pointwise.clone() }.traffic(element);
+        traffic.reads.push((self.depthwise.weights, u64::from(self.depthwise.src.channels) * 40));
+        traffic
+    }
+}

@@ -1,0 +1,76 @@
+//! Dense 3x3 convolution of stride 1 by Winograd's minimal filtering.
+
+use super::contract::Contract;
+use super::contracts;
+use super::dense::Conv3x3;
+use super::{Addresses, Kernel, PushBytes, TILE, TexelRange, Traffic, Variants, groups};
+
+/// Outputs of one Winograd tile on a side.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum WinogradTile {
+    /// F(2x2, 3x3): 16 products for 4 outputs where the definition takes 36.
+    F2,
+    /// F(4x4, 3x3): 36 products for 16 outputs where the definition takes 144.
+    F4,
+}
+
+impl WinogradTile {
+    /// Outputs on a side.
+    pub const fn outputs(self) -> u32 {
+        match self {
+            Self::F2 => 2,
+            Self::F4 => 4,
+        }
+    }
+
+    /// Inputs on a side, and points of the transform.
+    pub const fn inputs(self) -> u32 {
+        self.outputs() + 2
+    }
+}
+
+/// What the packer pads the output channels to: no variant computes more at once.
+pub const WINOGRAD_CHANNELS: u32 = 16;
+
+/// The same as a [`Conv3x3`] of stride 1 to more than four channels; its weights are packed as
+/// [`crate::plan::pack::Pack::Winograd3x3`].
+#[derive(Clone, Debug, PartialEq)]
+pub struct Winograd3x3 {
+    /// What it computes.
+    pub conv: Conv3x3,
+    /// How.
+    pub tile: WinogradTile,
+}
+
+impl Kernel for Winograd3x3 {
+    fn contract(&self, variants: Variants) -> &'static Contract {
+        match (self.tile, variants.cpu) {
+            (WinogradTile::F2, true) => &contracts::WINOGRAD3X3_F2_CPU,
+            (WinogradTile::F2, false) => &contracts::WINOGRAD3X3_F2,
+            (WinogradTile::F4, true) => &contracts::WINOGRAD3X3_F4_CPU,
+            (WinogradTile::F4, false) => &contracts::WINOGRAD3X3_F4,
+        }
+    }
+
+    fn groups(&self, variants: Variants) -> [u32; 3] {
+        let contract = self.contract(variants);
+        let (width, height) = self.conv.result_size();
+        let outputs = self.tile.outputs().pow(2) * contract.define("TX") as u32;
+        let invocations = self.conv.tiles.count(width, height) * (TILE * TILE / outputs);
+        groups(invocations.div_ceil(64), self.conv.channels.div_ceil(4 * contract.define("NV") as u32))
+    }
+
+    fn push(&self, at: &Addresses) -> PushBytes {
+        self.conv.push_with(at, self.conv.channels.next_multiple_of(WINOGRAD_CHANNELS) / 4)
+    }
+
+    fn texels(&self) -> Vec<TexelRange> {
+        self.conv.texels()
+    }
+
+    fn traffic(&self, element: u64) -> Traffic {
+        let points = u64::from(self.tile.inputs().pow(2));
+        let weights = (u64::from(self.conv.src.channels) * points + 1) * u64::from(self.conv.channels) * 4;
+        self.conv.traffic_with(weights, element)
+    }
+}

@@ -1,0 +1,73 @@
+//! Which of several lowerings an operation takes.
+
+use super::pack::Pack;
+use crate::kernels::Call;
+use crate::kernels::separable::Separable3x3;
+use crate::kernels::winograd::WinogradTile;
+use crate::net::graph::{Graph, OpKind, Shuffle};
+
+/// How dense 3x3 convolutions of stride 1 to more than four channels are computed. Others are direct.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum ConvAlgorithm {
+    /// By the definition.
+    #[default]
+    Direct,
+    /// By Winograd's minimal filtering.
+    Winograd(WinogradTile),
+}
+
+impl ConvAlgorithm {
+    /// The tile for a convolution of this stride and so many outputs; `None`: direct.
+    pub(super) fn tile(self, stride: u32, outputs: u32) -> Option<WinogradTile> {
+        match self {
+            Self::Winograd(tile) if stride == 1 && outputs > crate::kernels::dense::NARROW_CHANNELS => Some(tile),
+            _ => None,
+        }
+    }
+}
+
+/// How a depthwise convolution whose result only the next, pointwise convolution reads is computed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum SeparableForm {
+    /// As two kernels, the result between them in memory.
+    #[default]
+    TwoKernels,
+    /// As one.
+    Fused,
+}
+
+/// Whether operation `at` is a depthwise convolution whose whole result the next one, a Linear, reads, and nobody else.
+pub(super) fn is_separable(graph: &Graph, at: usize) -> bool {
+    let (Some(OpKind::Depthwise3x3 { output, .. }), Some(OpKind::Linear { inputs, .. })) =
+        (graph.ops.get(at).map(|op| &op.kind), graph.ops.get(at + 1).map(|op| &op.kind))
+    else {
+        return false;
+    };
+    let readers = graph.ops.iter().filter(|op| graph.reads(op).iter().any(|slice| slice.value == *output)).count();
+    *inputs == [graph.whole(*output)] && readers == 1 && graph.residual != *output
+}
+
+/// The weights of a dense 3x3 convolution, as the kernel that was chosen reads them.
+pub(super) fn conv_pack(
+    weight: &str,
+    bias: bool,
+    (inputs, outputs): (u32, u32),
+    shuffle: Shuffle,
+    tile: Option<WinogradTile>,
+) -> Pack {
+    let (weight, shuffle) = (weight.to_owned(), shuffle == Shuffle::Shuffle);
+    match tile {
+        Some(tile) => Pack::Winograd3x3 { weight, bias, inputs, outputs, shuffle, tile },
+        None => Pack::Conv3x3 { weight, bias, inputs, outputs, shuffle },
+    }
+}
+
+/// The kernels of two operations that [`is_separable`], as one.
+pub(super) fn fuse(depthwise: Call, pointwise: Call) -> Call {
+    match (depthwise, pointwise) {
+        (Call::Depthwise3x3(depthwise), Call::Linear(pointwise)) => {
+            Call::Separable3x3(Separable3x3 { depthwise, pointwise })
+        }
+        other => unreachable!("{other:?} is no separable convolution"),
+    }
+}

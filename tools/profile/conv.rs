@@ -1,0 +1,118 @@
+//! `conv`: the thesis's section 4.3.1, a standard convolution against a depthwise-separable one, every way there is.
+
+use crate::args::Output;
+use crate::parts::{self, Candidate};
+use crate::plot::{self, Point};
+use crate::rows::{self, Row};
+use crate::session::Session;
+use crate::table::{self, number};
+use crate::{Failure, export, thesis};
+use serde_json::json;
+use vkdenoise::kernels::winograd::WinogradTile;
+use vkdenoise::net::{Convolution, Graph};
+use vkdenoise::plan::{ConvAlgorithm, PlanOptions, SeparableForm};
+use vkdenoise::{Extent, KernelRecord};
+
+/// Lanes that share an instruction where the thesis counted.
+const WARP: f64 = 32.0;
+
+fn candidates(channels: u32) -> Result<Vec<Candidate>, Failure> {
+    let standard =
+        |name: &str, conv| (name.to_owned(), Convolution::Standard, PlanOptions { conv, ..PlanOptions::default() });
+    let separable = |name: &str, separable| {
+        (name.to_owned(), Convolution::Separable, PlanOptions { separable, ..PlanOptions::default() })
+    };
+    let all = [
+        standard("direct", ConvAlgorithm::Direct),
+        standard("F(2x2,3x3)", ConvAlgorithm::Winograd(WinogradTile::F2)),
+        standard("F(4x4,3x3)", ConvAlgorithm::Winograd(WinogradTile::F4)),
+        separable("two kernels", SeparableForm::TwoKernels),
+        separable("fused", SeparableForm::Fused),
+    ];
+    let candidate = |(name, conv, options)| {
+        let graph = Graph::of_convolution(conv, channels).map_err(|error| Failure(error.to_string()))?;
+        Ok(Candidate { name, graph, options })
+    };
+    all.into_iter().map(candidate).collect()
+}
+
+/// The subcommand.
+pub fn conv(session: &Session, extent: Extent, channels: u32, output: &Output) -> Result<(), Failure> {
+    let results = parts::measure(session, extent, candidates(channels)?)?;
+    let title = format!("one 3x3 convolution, {channels} channels, {}x{}", extent.width, extent.height);
+    let mut rows: Vec<Row> = Vec::new();
+    for result in &results {
+        let named = rows::rows(&result.runs, &session.roof).into_iter();
+        rows.extend(named.map(|row| Row { stage: result.name.clone(), ..row }));
+    }
+    let sums = rows::sums(&rows, &session.roof, |row| &row.stage);
+    // A run of each, one after another.
+    let mut run: Vec<KernelRecord> = Vec::new();
+    for result in &results {
+        let end = run.last().map_or(0.0, |last| last.start + last.microseconds);
+        let shifted = |record: &KernelRecord| KernelRecord { start: record.start + end, ..record.clone() };
+        run.extend(export::middle(&result.runs).iter().map(shifted));
+    }
+    export::files(&title, &run, &rows, output)?;
+    if let Some(path) = &output.plot {
+        let point = |series: &str, row: &Row| Point {
+            series: series.into(),
+            flop_per_byte: row.flop_per_byte,
+            flop_per_second: row.gflop_per_second * 1e9,
+        };
+        let mut points: Vec<_> = sums.iter().map(|sum| point(&sum.layer, sum)).collect();
+        let halves = rows.iter().filter(|row| row.stage == "two kernels");
+        points.extend(halves.map(|row| point(&format!("two kernels: {}", row.kernel), row)));
+        plot::roofline(path, &title, &session.roof, &points).map_err(Failure)?;
+    }
+    if output.json {
+        let wholes: Vec<_> = results.iter().map(|r| json!({ "name": r.name, "ms": r.whole })).collect();
+        let report = json!({
+            "session": session.header(), "width": extent.width, "height": extent.height, "channels": channels,
+            "variants": wholes, "kernels": rows, "sums": sums,
+        });
+        println!("{report:#}");
+        return Ok(());
+    }
+    print!("{title}\n{}\n", session.header().text());
+    let head = [
+        "variant",
+        "kernel",
+        "ms",
+        "min",
+        "spread",
+        "times direct",
+        "GFLOP",
+        "MB",
+        "FLOP/B",
+        "GFLOP/s",
+        "GB/s",
+        "of roof",
+        "global M",
+        "shared M",
+    ];
+    let mut lines = vec![head.map(String::from).to_vec()];
+    let base = results.first().map_or(1.0, |direct| direct.whole.median);
+    for result in &results {
+        let whole = result.whole;
+        let mut line = vec![result.name.clone(), String::new()];
+        line.extend([whole.median, whole.min, whole.spread, whole.median / base].map(number));
+        lines.push(line);
+        for row in rows.iter().filter(|row| row.stage == result.name) {
+            let (ms, bytes) = (row.microseconds.times(1e-3), row.mb_read + row.mb_written);
+            let mut line = vec![String::new(), row.variant.clone()];
+            line.extend([ms.median, ms.min, ms.spread, ms.median / base, row.gflop, bytes].map(number));
+            line.extend([row.flop_per_byte, row.gflop_per_second, row.gb_per_second].map(number));
+            line.push(format!("{:.1} %", row.percent_of_roof));
+            line.extend([row.global_accesses, row.shared_accesses].map(|count| count.map_or("-".into(), number)));
+            lines.push(line);
+        }
+    }
+    print!("{}", table::aligned(&lines, 2));
+    println!(
+        "\nAccesses are loads and stores of invocations, in millions; the thesis counts instructions of {WARP} lanes: a\n\
+         {WARP}th of them. The thesis, 1024x1024, NVIDIA L40S:"
+    );
+    thesis::CONVOLUTIONS.iter().for_each(|line| println!("  {line}"));
+    Ok(())
+}
