@@ -8,6 +8,9 @@ use budget::{measure, residual, table};
 use common::case::variants;
 use common::device::{assert_no_validation_messages, device};
 use vkdenoise::exr_io::{ExrFrame, LayerOptions};
+use vkdenoise::kernels::winograd::WinogradTile;
+use vkdenoise::plan::{ConvAlgorithm, PlanOptions};
+use vkdenoise::testing::Bench;
 use vkdenoise::{Extent, Frame, Weights};
 
 /// What the network's residual may be wrong by: NMSE.
@@ -21,10 +24,14 @@ fn every_algorithm_keeps_its_budget_on_a_real_frame() {
     let features = frame.features;
     assert!(features.albedo.is_some() && features.normal.is_some() && features.depth.is_some());
     let weights = Weights::hybrid().unwrap();
-    for variants in variants() {
-        let lines = measure(device(), &weights, &frame, variants).unwrap();
+    let direct = PlanOptions::default();
+    let winograd = |tile| PlanOptions { conv: ConvAlgorithm::Winograd(tile), ..direct };
+    let preferred = Bench::default_variants(device());
+    let forms = [(preferred, winograd(WinogradTile::F2)), (preferred, winograd(WinogradTile::F4))];
+    for (variants, forms) in variants().into_iter().map(|variants| (variants, direct)).chain(forms) {
+        let lines = measure(device(), &weights, &frame, variants, &forms).unwrap();
         let last = residual(&lines).unwrap();
-        println!("CPU kernels {}: {:.1e} in {}", variants.cpu, last.nmse, last.name);
+        println!("CPU kernels {}, {:?}: {:.1e} in {}", variants.cpu, forms.conv, last.nmse, last.name);
         assert!(last.name.starts_with("output") && last.nmse <= RESIDUAL_LIMIT, "{last:?}");
         for line in &lines {
             // An error may be larger on its way than at the end, where it meets the whole residual; not by much.

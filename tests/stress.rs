@@ -15,9 +15,9 @@ use stress::subject::{Subject, Tier, without_residual};
 use stress::{Depends, Effort, bad_samples, cases};
 use vkdenoise::{Denoiser, Extent, Layout, Options, PlaneMut, Weights};
 
-/// The tier that the engine would take, the best; the kernels' own tests hold the tiers to each other.
+/// The tier that the engine would take; the kernels' own tests hold the tiers to each other.
 fn tier() -> Tier {
-    Tier::of(device()).pop().unwrap()
+    Tier::preferred(device())
 }
 
 /// Runs the cases that `wanted` picks. Figures of which `answers` says so must be inside their bounds.

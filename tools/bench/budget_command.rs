@@ -3,6 +3,8 @@
 use crate::budget::{Result, measure, residual, table};
 use std::path::PathBuf;
 use vkdenoise::exr_io::{ExrFrame, LayerOptions};
+use vkdenoise::kernels::winograd::WinogradTile;
+use vkdenoise::plan::{ConvAlgorithm, PlanOptions};
 use vkdenoise::testing::Bench;
 use vkdenoise::{Device, DeviceSelector, Extent, Frame, Weights};
 
@@ -20,9 +22,34 @@ pub struct BudgetArgs {
     /// Weights instead of the built-in ones.
     #[arg(long)]
     weights: Option<PathBuf>,
+    /// How dense 3x3 convolutions are computed.
+    #[arg(long, value_enum, default_value_t = Form::Direct)]
+    conv: Form,
     /// Write the table as Markdown.
     #[arg(long)]
     markdown: Option<PathBuf>,
+}
+
+/// Forms of the dense 3x3 convolution.
+#[derive(Clone, Copy, PartialEq, Eq, clap::ValueEnum)]
+enum Form {
+    /// By the definition.
+    Direct,
+    /// Winograd F(2x2, 3x3).
+    F2,
+    /// Winograd F(4x4, 3x3).
+    F4,
+}
+
+impl Form {
+    fn options(self) -> PlanOptions {
+        let conv = match self {
+            Self::Direct => ConvAlgorithm::Direct,
+            Self::F2 => ConvAlgorithm::Winograd(WinogradTile::F2),
+            Self::F4 => ConvAlgorithm::Winograd(WinogradTile::F4),
+        };
+        PlanOptions { conv, ..PlanOptions::default() }
+    }
 }
 
 /// Runs it.
@@ -34,7 +61,7 @@ pub fn run(args: &BudgetArgs) -> Result<()> {
     let extent = Extent::new(args.size.width.min(whole.extent.width), args.size.height.min(whole.extent.height));
     // The strides stay those of the whole frame.
     let frame = Frame { extent, ..whole };
-    let lines = measure(&device, &weights, &frame, Bench::default_variants(&device))?;
+    let lines = measure(&device, &weights, &frame, Bench::default_variants(&device), &args.conv.options())?;
     if let Some(path) = &args.markdown {
         std::fs::write(path, table::markdown(&lines))?;
     }

@@ -64,14 +64,14 @@ pub fn run(args: &StressArgs) -> Result<()> {
     let effort = if args.sample { Effort::Sample } else { Effort::Everything };
     let cases: Vec<Case> = cases().into_iter().filter(|case| case.name.contains(&args.case)).collect();
     let wanted = |tier: &Tier| args.tier.is_empty() || args.tier.iter().any(|name| name == tier.name);
-    let tiers: Vec<Tier> = Tier::of(&device).into_iter().filter(wanted).collect();
+    let tiers: Vec<Tier> = Tier::all(&device).into_iter().filter(wanted).collect();
 
     let mut matrix = Matrix::default();
     for tier in &tiers {
         matrix.add_subject(tier.name);
         measure(&mut matrix, tier.name, &mut Subject::engine(&device, &weights, *tier)?, &cases, effort)?;
     }
-    if let Some(tier) = tiers.last().filter(|_| args.frame_alone) {
+    if let Some(tier) = tiers.first().filter(|_| args.frame_alone) {
         let name = "in and out alone";
         matrix.add_subject(name);
         let mut subject = Subject::engine(&device, &without_residual(&weights)?, *tier)?;

@@ -43,14 +43,20 @@ pub struct Line {
     pub scores: Option<(f64, f64)>,
 }
 
-/// Runs a frame on the device, every buffer in memory of its own, and in f64. One line for each dispatch of the network
+/// Runs a frame on the device, in the forms of `forms`, every buffer in memory of its own, and in f64. One line for each dispatch of the network
 /// and of its inputs.
 ///
 /// # Errors
 /// Those of the library: memory, planes that do not fit, a lost device.
-pub fn measure(device: &Device, weights: &Weights, frame: &Frame, variants: Variants) -> Result<Vec<Line>> {
+pub fn measure(
+    device: &Device,
+    weights: &Weights,
+    frame: &Frame,
+    variants: Variants,
+    forms: &PlanOptions,
+) -> Result<Vec<Line>> {
     let graph = Graph::new(weights.arch())?;
-    let plan = plan(&graph, frame.extent, &PlanOptions { max_block_bytes: u64::MAX, keep_all: true })?;
+    let plan = plan(&graph, frame.extent, &PlanOptions { keep_all: true, ..*forms })?;
     let end =
         plan.dispatches.iter().position(|d| matches!(d.call, Call::Output(_))).ok_or("a plan without an output")?;
     let bench = run_on_device(device, weights, frame, variants, &plan, end)?;
@@ -120,6 +126,8 @@ fn written(dispatch: &Dispatch) -> Option<View> {
         Call::InputColor(k) => k.dst,
         Call::InputAux(k) => k.dst,
         Call::Conv3x3(k) => k.dst,
+        Call::Winograd3x3(k) => k.conv.dst,
+        Call::Separable3x3(k) => k.pointwise.dst,
         Call::Linear(k) => k.dst,
         Call::Depthwise3x3(k) => k.dst,
         Call::LayerNorm(k) => k.dst,
