@@ -1,6 +1,10 @@
-//! `vkdenoise-bench`: times the whole pass in CPU seconds and wall time, counts its memory, and puts it under stress. CPU
+//! `vkdenoise-bench`: times the whole pass in CPU seconds and wall time, counts its memory and its errors, and puts it under stress. CPU
 //! seconds are the steadier figure on CPU drivers and on shared machines.
 
+#[path = "bench/budget/mod.rs"]
+mod budget;
+#[path = "bench/budget_command.rs"]
+mod budget_command;
 #[path = "bench/stress/mod.rs"]
 mod stress;
 #[path = "bench/stress_command.rs"]
@@ -49,6 +53,8 @@ enum Command {
         #[arg(long)]
         weights: Option<PathBuf>,
     },
+    /// Show where precision goes: every dispatch on the device beside the same in f64.
+    Budget(budget_command::BudgetArgs),
     /// Try to break the denoiser: every stress case on every tier that the device runs, as a matrix of figures and bounds.
     Stress(stress_command::StressArgs),
     /// Print the device memory that a renderer's pass takes at a size, from the plan. Needs no device.
@@ -72,6 +78,7 @@ fn main() -> ExitCode {
                 Ok(pass(&device, &weights, size, (warm_up, repeat), on_request)?)
             })
         }
+        Command::Budget(args) => budget_command::run(&args),
         Command::Stress(args) => stress_command::run(&args),
         Command::Memory { size } => memory(size).map_err(Into::into),
     };

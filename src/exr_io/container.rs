@@ -10,6 +10,7 @@ use exr::math::Vec2;
 use exr::meta::attribute::LevelMode;
 use exr::meta::header::Header;
 use exr::meta::{BlockDescription, MetaData};
+use std::fs::File;
 use std::io::Read;
 use std::ops::Range;
 use std::panic::{AssertUnwindSafe, catch_unwind};
@@ -42,10 +43,8 @@ pub(super) struct Chunk {
 impl Container {
     /// Reads a whole file and finds its chunks. No pixel is decoded.
     pub fn open(path: &Path) -> Result<Self, ExrError> {
-        let bytes = std::fs::read(path).map_err(|source| ExrError::Read { path: path.into(), source })?;
-        if bytes.len() < 8 || !bytes.starts_with(&exr::meta::magic_number::BYTES) {
-            return Err(ExrError::NotExr { path: path.into() });
-        }
+        let bytes = read_exr(path).map_err(|source| ExrError::Read { path: path.into(), source })?;
+        let bytes = bytes.ok_or_else(|| ExrError::NotExr { path: path.into() })?;
         let (meta, header_len) = read_headers(path, &bytes)?;
         check_headers(path, &meta)?;
         let (chunks, parts) = find_chunks(path, &bytes, &meta, header_len)?;
@@ -95,6 +94,18 @@ impl Container {
         }
         Err(ExrError::damaged(&self.path, format!("block {} lies where another belongs", chunk.index)))
     }
+}
+
+/// All of a file, or `None` where its first bytes are no EXR file's: what never ends, as some devices, is not read on.
+fn read_exr(path: &Path) -> std::io::Result<Option<Vec<u8>>> {
+    let mut file = File::open(path)?;
+    let mut bytes = Vec::new();
+    file.by_ref().take(8).read_to_end(&mut bytes)?;
+    if bytes.len() < 8 || !bytes.starts_with(&exr::meta::magic_number::BYTES) {
+        return Ok(None);
+    }
+    file.read_to_end(&mut bytes)?;
+    Ok(Some(bytes))
 }
 
 /// Columns and rows of blocks of the full-resolution image.

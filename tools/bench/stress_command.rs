@@ -1,5 +1,6 @@
 //! `vkdenoise-bench stress`: every case on every tier, and on peers beside them.
 
+use crate::stress::light::is_of_training;
 use crate::stress::subject::{Peer, Subject, Tier, without_residual};
 use crate::stress::table::Matrix;
 use crate::stress::{Case, Effort, Result, cases};
@@ -25,7 +26,8 @@ pub struct StressArgs {
     /// Only what the test suite has time for.
     #[arg(long)]
     sample: bool,
-    /// Put the pre- and post-processing alone beside the tiers: a network that predicts no residual.
+    /// Put the pre- and post-processing alone beside the tiers, a network that predicts no residual, where the network's
+    /// training answers for a figure.
     #[arg(long)]
     frame_alone: bool,
     /// A program to put beside the tiers, as NAME=COMMAND; may be given again. tools/measure/oidn_peer.py is one.
@@ -62,17 +64,18 @@ pub fn run(args: &StressArgs) -> Result<()> {
     let effort = if args.sample { Effort::Sample } else { Effort::Everything };
     let cases: Vec<Case> = cases().into_iter().filter(|case| case.name.contains(&args.case)).collect();
     let wanted = |tier: &Tier| args.tier.is_empty() || args.tier.iter().any(|name| name == tier.name);
-    let tiers: Vec<Tier> = Tier::of(&device).into_iter().filter(wanted).collect();
+    let tiers: Vec<Tier> = Tier::all(&device).into_iter().filter(wanted).collect();
 
     let mut matrix = Matrix::default();
     for tier in &tiers {
         matrix.add_subject(tier.name);
         measure(&mut matrix, tier.name, &mut Subject::engine(&device, &weights, *tier)?, &cases, effort)?;
     }
-    if let Some(tier) = tiers.last().filter(|_| args.frame_alone) {
+    if let Some(tier) = tiers.first().filter(|_| args.frame_alone) {
         let name = "in and out alone";
         matrix.add_subject(name);
         let mut subject = Subject::engine(&device, &without_residual(&weights)?, *tier)?;
+        let cases: Vec<Case> = cases.iter().filter(|case| is_of_training(case.name)).cloned().collect();
         measure(&mut matrix, name, &mut subject, &cases, effort)?;
     }
     for peer in &args.peer {

@@ -127,6 +127,7 @@ fn number(value: f64) -> String {
 }
 
 /// A case by name, and how it is run.
+#[derive(Clone, Copy)]
 pub struct Case {
     /// What is done to the input.
     pub name: &'static str,

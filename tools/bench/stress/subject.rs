@@ -5,7 +5,9 @@ use super::scene::Scene;
 use std::collections::BTreeMap;
 use std::io::{Read, Write};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use vkdenoise::kernels::winograd::WinogradTile;
 use vkdenoise::net::Graph;
+use vkdenoise::plan::ConvAlgorithm;
 use vkdenoise::testing::{Bench, denoiser_with_kernels};
 use vkdenoise::{Denoiser, Device, Layout, Options, PlaneMut, Precision, Weights};
 
@@ -29,26 +31,43 @@ pub struct Tier {
     pub exactness: Exactness,
     /// Whether the kernels shaped for CPU drivers run.
     pub cpu_kernels: bool,
+    /// How dense 3x3 convolutions are computed.
+    pub conv: ConvAlgorithm,
 }
 
-/// Every tier. A new one is a line here.
-pub const TIERS: [Tier; 2] = [
-    Tier { name: "fp32", precision: Precision::F32, exactness: Exactness::Single, cpu_kernels: false },
-    Tier { name: "fp32, CPU kernels", precision: Precision::F32, exactness: Exactness::Single, cpu_kernels: true },
-];
-
 impl Tier {
-    /// The tiers that a device can run.
-    pub fn of(device: &Device) -> Vec<Self> {
-        TIERS.into_iter().filter(|tier| !tier.cpu_kernels || Bench::can_run_cpu_kernels(device)).collect()
+    /// The tier that the engine takes by itself on a device.
+    pub fn preferred(device: &Device) -> Self {
+        Self {
+            name: "fp32",
+            precision: Precision::F32,
+            exactness: Exactness::Single,
+            cpu_kernels: Bench::default_variants(device).cpu,
+            conv: ConvAlgorithm::Direct,
+        }
     }
 
-    /// A denoiser of this tier, with its precision in the place of the options' own.
+    /// Every tier that a device can run. A new one is a line here.
+    pub fn all(device: &Device) -> Vec<Self> {
+        let preferred = Self::preferred(device);
+        let winograd = |name, tile| Self { name, conv: ConvAlgorithm::Winograd(tile), ..preferred };
+        let mut tiers = vec![
+            preferred,
+            winograd("fp32, Winograd F(2x2)", WinogradTile::F2),
+            winograd("fp32, Winograd F(4x4)", WinogradTile::F4),
+        ];
+        if preferred.cpu_kernels {
+            tiers.push(Self { name: "fp32, portable kernels", cpu_kernels: false, ..preferred });
+        }
+        tiers
+    }
+
+    /// A denoiser of this tier, with its precision and its convolutions in the place of the options' own.
     ///
     /// # Errors
     /// As [`Denoiser::new`].
     pub fn denoiser(&self, device: &Device, weights: &Weights, options: &Options) -> Result<Denoiser> {
-        let options = Options { precision: self.precision, ..*options };
+        let options = Options { precision: self.precision, conv: Some(self.conv), ..*options };
         Ok(denoiser_with_kernels(device, weights, &options, self.cpu_kernels)?)
     }
 }

@@ -1,0 +1,17 @@
+//! Any bytes as an EXR file: read, and where that goes well, written again.
+#![no_main]
+
+use std::sync::OnceLock;
+use tempfile::TempDir;
+use vkdenoise::exr_io::{ExrFrame, LayerOptions};
+
+libfuzzer_sys::fuzz_target!(|bytes: &[u8]| {
+    static FOLDER: OnceLock<TempDir> = OnceLock::new();
+    let folder = FOLDER.get_or_init(|| TempDir::new().expect("a folder for the files")).path();
+    let path = folder.join("any.exr");
+    std::fs::write(&path, bytes).expect("room for the file");
+    if let Ok(frame) = ExrFrame::read(&path, &LayerOptions::default()) {
+        frame.frame().check().expect("a frame that was read is whole");
+        let _ = frame.write_with_color(folder.join("again.exr"), frame.color());
+    }
+});
