@@ -1,4 +1,4 @@
-// Histograms of luminance and depth by the upper 16 bits of the float. Integer counts: any order gives the same bits.
+// Histograms of luminance and depth by the upper bits of the float. Integer counts: any order gives the same bits.
 #version 460
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"
@@ -41,10 +41,12 @@ void main() {
     vec3 radiance = read_color(at);
     if (is_valid(radiance)) {
         float l = luminance(radiance);
-        if (l > 0.0) atomicAdd(histograms.v[floatBitsToUint(l) >> 16], 1u);
+        if (l > 0.0) atomicAdd(histograms.v[floatBitsToUint(l) >> LUMINANCE_SHIFT], 1u);
     }
     if ((flags & FLAG_DEPTH) != 0u) {
         float d = read_depth(at);
-        if (d > 0.0) atomicAdd(histograms.v[BINS + (floatBitsToUint(d) >> 16)], 1u);
+        // Depths below the first bin are counted in it.
+        uint bin = max(floatBitsToUint(d) >> DEPTH_SHIFT, DEPTH_FIRST) - DEPTH_FIRST;
+        if (d > 0.0) atomicAdd(histograms.v[BINS + bin], 1u);
     }
 }

@@ -37,9 +37,11 @@ void main() {
         uint bin = segment * PER_LANE;
         uint offset = gl_WorkGroupID.x * BINS;
         while (before + histograms.v[offset + bin] <= rank) before += histograms.v[offset + bin++];
-        float low = uintBitsToFloat(bin << 16);
-        // The last finite bin ends at the largest float.
-        float high = uintBitsToFloat(min((bin + 1u) << 16, 0x7f7fffffu));
+        uint first_bin = of_depth ? DEPTH_FIRST : 0u;
+        uint shift = of_depth ? DEPTH_SHIFT : LUMINANCE_SHIFT;
+        float low = uintBitsToFloat((bin + first_bin) << shift);
+        // The last finite bin of luminance ends at the largest float.
+        float high = uintBitsToFloat(min((bin + first_bin + 1u) << shift, 0x7f7fffffu));
         value = low + (high - low) * ((float(rank - before) + 0.5) / float(histograms.v[offset + bin]));
     }
     if (of_depth) stats.depth_scale = value;

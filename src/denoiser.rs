@@ -1,6 +1,6 @@
 //! The public face: a denoiser, its options, and the host path.
 
-use crate::engine::Engine;
+use crate::engine::{self, Engine};
 use crate::error::{Error, Result};
 use crate::frame::{Extent, Features, Frame, PlaneMut, check_in_place};
 use crate::host::HostPass;
@@ -112,10 +112,16 @@ impl Denoiser {
     /// # Errors
     /// [`Error::Weights`], [`Error::InvalidOption`], [`Error::OutOfMemory`], [`Error::Vulkan`].
     pub fn new(device: &Device, weights: &Weights, options: &Options) -> Result<Self> {
+        Self::with_kernels(device, weights, options, engine::prefers_cpu_kernels(device))
+    }
+
+    /// The same, with or without the kernels shaped for CPU drivers.
+    pub(crate) fn with_kernels(device: &Device, weights: &Weights, options: &Options, cpu: bool) -> Result<Self> {
         let frame = FrameOptions { exposure: options.exposure, blend: options.blend };
         frame.check()?;
-        let engine = Arc::new(Engine::new(device, weights, options)?);
-        Ok(Self { engine, options: frame, profiling: false, host: None })
+        let mut engine = Engine::new(device, weights, options)?;
+        engine.cpu = cpu;
+        Ok(Self { engine: Arc::new(engine), options: frame, profiling: false, host: None })
     }
 
     /// Sets the host path's exposure.

@@ -1,6 +1,6 @@
 //! For this crate's own tests and benchmarks: single kernels on a device, with sentinels around every buffer.
 
-use crate::denoiser::Denoiser;
+use crate::denoiser::{Denoiser, Options};
 use crate::descriptors::{DescriptorSets, Resources};
 use crate::engine;
 use crate::error::{Error, Result};
@@ -8,10 +8,11 @@ use crate::frame::{Frame, Layout, PlaneMut};
 use crate::kernels::contract::Need;
 use crate::kernels::{Addresses, BufferId, Call, FrameArgs, PlaneArgs, TexelRange, Variants};
 use crate::net::graph::Stage;
+use crate::net::weights::Weights;
 use crate::plan::{Dispatch, ELEMENT_BYTES, Plan};
 use crate::record::{Pipelines, Recording};
 use crate::vk::caps::TEXEL_BYTES;
-use crate::vk::device::Device;
+use crate::vk::device::{Device, DeviceOptions};
 use crate::vk::memory::Buffer;
 use crate::vk::submit::{self, Submission};
 use ash::vk;
@@ -152,6 +153,34 @@ impl Bench {
     fn address(&self, id: BufferId) -> u64 {
         self.buffers[id.0].1.address() + GUARD as u64
     }
+}
+
+/// Opens a device with the functions that `patch` makes of its own: a test that lets some of them fail sees what the
+/// library makes of it.
+///
+/// # Safety
+/// The patched functions keep to Vulkan's specification, failing where it allows that.
+///
+/// # Errors
+/// As [`Device::open_with`].
+pub unsafe fn open_patched(
+    options: &DeviceOptions,
+    patch: impl FnOnce(&ash::DeviceFnV1_0) -> ash::DeviceFnV1_0,
+) -> Result<Device> {
+    Device::open_patched(options, |device| {
+        let patched = patch(device.fp_v1_0());
+        let (v1, v2, v3) = (device.fp_v1_1().clone(), device.fp_v1_2().clone(), device.fp_v1_3().clone());
+        ash::Device::from_parts_1_3(device.handle(), patched, v1, v2, v3)
+    })
+}
+
+/// A denoiser with or without the kernels shaped for CPU drivers ([`Bench::can_run_cpu_kernels`]), whatever the engine
+/// would take.
+///
+/// # Errors
+/// As [`Denoiser::new`].
+pub fn denoiser_with_kernels(device: &Device, weights: &Weights, options: &Options, cpu: bool) -> Result<Denoiser> {
+    Denoiser::with_kernels(device, weights, options, cpu)
 }
 
 /// Denoises a frame on the host path and reads what `pick` names of the plan afterwards, with the plan. Only what lives

@@ -1,5 +1,10 @@
-//! `vkdenoise-bench`: times the whole pass in CPU seconds and wall time. CPU seconds are the steadier figure on CPU
-//! drivers and on shared machines.
+//! `vkdenoise-bench`: times the whole pass in CPU seconds and wall time, counts its memory, and puts it under stress. CPU
+//! seconds are the steadier figure on CPU drivers and on shared machines.
+
+#[path = "bench/stress/mod.rs"]
+mod stress;
+#[path = "bench/stress_command.rs"]
+mod stress_command;
 
 use clap::{Parser, Subcommand};
 use std::io::BufRead;
@@ -44,6 +49,8 @@ enum Command {
         #[arg(long)]
         weights: Option<PathBuf>,
     },
+    /// Try to break the denoiser: every stress case on every tier that the device runs, as a matrix of figures and bounds.
+    Stress(stress_command::StressArgs),
     /// Print the device memory that a renderer's pass takes at a size, from the plan. Needs no device.
     Memory {
         /// Frame size.
@@ -58,14 +65,15 @@ fn parse_size(text: &str) -> Result<Extent, String> {
 }
 
 fn main() -> ExitCode {
-    let outcome = match Arguments::parse().command {
+    let outcome: stress::Result<()> = match Arguments::parse().command {
         Command::Pass { size, repeat, warm_up, on_request, device, weights } => {
-            Device::open(&device).and_then(|device| {
+            Device::open(&device).map_err(Into::into).and_then(|device| {
                 let weights = weights.map_or_else(Weights::hybrid, |path| Ok(Weights::from_file(path)?))?;
-                pass(&device, &weights, size, (warm_up, repeat), on_request)
+                Ok(pass(&device, &weights, size, (warm_up, repeat), on_request)?)
             })
         }
-        Command::Memory { size } => memory(size),
+        Command::Stress(args) => stress_command::run(&args),
+        Command::Memory { size } => memory(size).map_err(Into::into),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,

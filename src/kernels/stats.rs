@@ -1,7 +1,8 @@
 //! Statistics of the frame: exposure and depth scale, by integer histograms and fixed-order sums.
 //!
-//! 1. [`Histogram`] counts the luminances (valid pixels, above 0) and the valid depths by the upper 16 bits of the
-//!    float: 128 bins an octave.
+//! 1. [`Histogram`] counts the luminances (valid pixels, above 0) by the upper 16 bits of the float, 128 bins an octave,
+//!    and the valid depths in 512 bins an octave, so that their unit makes no difference: the scale follows them within
+//!    0.1 %.
 //! 2. [`Select`] reads the median luminance `m` and the 99.9th percentile of depth from them.
 //! 3. [`TileMeans`] takes the mean of `min(luminance, 64 m)` over the pixels of every 8x8 tile that are valid and of no
 //!    channel above 1e8 m, and its base-2 logarithm relative to m, at least -10.
@@ -10,13 +11,11 @@
 //! So one pixel, whatever its value, moves the key by at most what a tile of 64 m does.
 
 use super::contract::Contract;
-use super::contracts::{
-    self, StatsClearPush, StatsHistogramPush, StatsKeyPush, StatsSelectPush, StatsTilesPush,
-};
+use super::contracts::{self, StatsClearPush, StatsHistogramPush, StatsKeyPush, StatsSelectPush, StatsTilesPush};
 use super::frame_io::{color_flags, depth_flags};
 use super::{Addresses, BufferId, Kernel, PushBytes, TILE, Traffic, Variants, groups};
 
-/// Bins of one histogram: the 16 upper bits of a non-negative float.
+/// Bins of one histogram.
 pub const BINS: u32 = 1 << 15;
 /// Bytes of the two histograms, luminance then depth.
 pub const HISTOGRAM_BYTES: u64 = 2 * 4 * BINS as u64;

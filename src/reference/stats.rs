@@ -31,10 +31,10 @@ pub fn histogram(reference: &mut Reference, call: &Histogram) {
     let (luminances, depths) = bins.split_at_mut(BINS as usize);
     for i in 0..call.width as usize * call.height as usize {
         if let Some(luminance) = reference.frame.luminance(i).filter(|&l| l > 0.0) {
-            luminances[bin(luminance)] += 1.0;
+            luminances[LUMINANCE.bin(luminance)] += 1.0;
         }
         if let Some(depth) = reference.frame.depth(i) {
-            depths[bin(depth)] += 1.0;
+            depths[DEPTH.bin(depth)] += 1.0;
         }
     }
     reference.set_buffer(call.histograms, &bins);
@@ -43,8 +43,8 @@ pub fn histogram(reference: &mut Reference, call: &Histogram) {
 /// Median luminance and depth scale.
 pub fn select(reference: &mut Reference, call: &Select) {
     let (luminances, depths) = reference.buffer(call.histograms).split_at(BINS as usize);
-    let median = quantile(luminances, |count| (count - 1) / 2).unwrap_or(0.0);
-    let depth_scale = quantile(depths, |count| (count - 1) * 999 / 1000).unwrap_or(1.0);
+    let median = quantile(luminances, LUMINANCE, |count| (count - 1) / 2).unwrap_or(0.0);
+    let depth_scale = quantile(depths, DEPTH, |count| (count - 1) * 999 / 1000).unwrap_or(1.0);
     reference.set_buffer(call.stats, &[median, depth_scale]);
 }
 
@@ -88,18 +88,33 @@ pub fn key(reference: &mut Reference, call: &Key) {
     (stats[KEY], stats[EXPOSURE]) = (key, exposure);
 }
 
-/// The upper 16 bits of a non-negative float.
-fn bin(value: f32) -> usize {
-    (value.to_bits() >> 16) as usize
+/// How non-negative floats are sorted into bins: by their upper bits.
+#[derive(Clone, Copy)]
+struct Sorting {
+    /// Mantissa bits that share a bin.
+    shift: u32,
+    /// The upper bits of the first bin, which also counts what is below it.
+    first: u32,
 }
 
-/// The lower bound of a bin; the last finite bin ends with the last finite float.
-fn bound(bin: usize) -> f64 {
-    f64::from(f32::from_bits((bin as u32) << 16).min(f32::MAX))
+/// Every non-negative float, 128 bins an octave.
+const LUMINANCE: Sorting = Sorting { shift: 16, first: 0 };
+/// From 2^-34 to 2^30, 512 bins an octave.
+const DEPTH: Sorting = Sorting { shift: 14, first: (127 - 34) << 9 };
+
+impl Sorting {
+    fn bin(self, value: f32) -> usize {
+        (value.to_bits() >> self.shift).saturating_sub(self.first) as usize
+    }
+
+    /// The lower bound of a bin; the last finite bin ends with the last finite float.
+    fn bound(self, bin: usize) -> f64 {
+        f64::from(f32::from_bits((bin as u32 + self.first) << self.shift).min(f32::MAX))
+    }
 }
 
 /// The element of a rank, as if those of a bin lay evenly in it. `rank` is asked with the number of elements.
-fn quantile(bins: &[f64], rank: impl Fn(u64) -> u64) -> Option<f64> {
+fn quantile(bins: &[f64], sorting: Sorting, rank: impl Fn(u64) -> u64) -> Option<f64> {
     let count = bins.iter().sum::<f64>() as u64;
     if count == 0 {
         return None;
@@ -109,7 +124,7 @@ fn quantile(bins: &[f64], rank: impl Fn(u64) -> u64) -> Option<f64> {
     for (i, &inside) in bins.iter().enumerate() {
         if before + inside > rank {
             let share = (rank - before + 0.5) / inside;
-            return Some(bound(i) + (bound(i + 1) - bound(i)) * share);
+            return Some(sorting.bound(i) + (sorting.bound(i + 1) - sorting.bound(i)) * share);
         }
         before += inside;
     }
@@ -123,19 +138,28 @@ mod tests {
     #[test]
     fn elements_lie_evenly_in_their_bin() {
         let mut bins = vec![0.0; BINS as usize];
-        assert_eq!(quantile(&bins, |count| count / 2), None);
-        bins[bin(1.0)] = 1.0;
+        assert_eq!(quantile(&bins, LUMINANCE, |count| count / 2), None);
+        bins[LUMINANCE.bin(1.0)] = 1.0;
         // The bin of 1 ends at 1 + 1/128.
-        assert_eq!(quantile(&bins, |count| (count - 1) / 2), Some(1.0 + 0.5 / 128.0));
-        bins[bin(2.0)] = 4.0;
-        assert_eq!(quantile(&bins, |count| (count - 1) / 2), Some(2.0 + 1.5 / 4.0 / 64.0));
+        assert_eq!(quantile(&bins, LUMINANCE, |count| (count - 1) / 2), Some(1.0 + 0.5 / 128.0));
+        bins[LUMINANCE.bin(2.0)] = 4.0;
+        assert_eq!(quantile(&bins, LUMINANCE, |count| (count - 1) / 2), Some(2.0 + 1.5 / 4.0 / 64.0));
+    }
+
+    #[test]
+    fn depths_of_every_unit_have_bins() {
+        for (depth, bin) in [(1e-30, 0), (2f32.powi(-34), 0), (1.0, 34 * 512), (1e9, 32697)] {
+            assert_eq!(DEPTH.bin(depth), bin, "{depth}");
+        }
+        assert!(DEPTH.bin(1e9f32.next_down()) < BINS as usize);
+        assert_eq!((DEPTH.bound(0), DEPTH.bound(34 * 512)), (2f64.powi(-34), 1.0));
     }
 
     #[test]
     fn the_last_bin_has_an_end() {
         let mut bins = vec![0.0; BINS as usize];
-        bins[bin(f32::MAX)] = 1.0;
-        let top = quantile(&bins, |_| 0);
+        bins[LUMINANCE.bin(f32::MAX)] = 1.0;
+        let top = quantile(&bins, LUMINANCE, |_| 0);
         assert!(top.is_some_and(|top| top < f64::from(f32::MAX) && top > 3e38), "{top:?}");
     }
 }

@@ -131,6 +131,14 @@ impl Device {
     /// # Errors
     /// As [`Device::open`]; [`Error::InvalidOption`] where the validation layer is wanted and not installed.
     pub fn open_with(options: &DeviceOptions) -> Result<Self> {
+        Self::open_patched(options, |device| device)
+    }
+
+    /// The same, with the device's functions as `patch` makes them.
+    pub(crate) fn open_patched(
+        options: &DeviceOptions,
+        patch: impl FnOnce(ash::Device) -> ash::Device,
+    ) -> Result<Self> {
         let instance = OwnedInstance::new(options.loader.as_deref(), options.validation)?;
         let mut found = enumerate(&instance)?;
         let at = select(&found, &options.selector)?;
@@ -175,8 +183,8 @@ impl Device {
         };
         // SAFETY: extension and features were reported by this physical device; the pointers outlive the call.
         let raw = unsafe { instance.raw.create_device(physical, &create, None) }.called("vkCreateDevice")?;
-        let executables =
-            statistics.then(|| khr::pipeline_executable_properties::Device::new(&instance.raw, &raw));
+        let raw = patch(raw);
+        let executables = statistics.then(|| khr::pipeline_executable_properties::Device::new(&instance.raw, &raw));
         // SAFETY: the family and the one queue of it were just created.
         let queue = unsafe { raw.get_device_queue(queue_family, 0) };
         let caps = caps.with_timestamp_bits(timestamp_bits);

@@ -75,7 +75,12 @@ impl Submission {
                 device.cmd_write_timestamp(self.raw, vk::PipelineStageFlags::TOP_OF_PIPE, self.queries, 0);
             }
         }
-        commands(self.raw)?;
+        if let Err(error) = commands(self.raw) {
+            // Half a recording must not be begun again. A buffer that cannot be reset is of a device that is lost.
+            // SAFETY: as above, and its pool allows it.
+            let _ = unsafe { device.reset_command_buffer(self.raw, vk::CommandBufferResetFlags::empty()) };
+            return Err(error);
+        }
         // SAFETY: as above.
         unsafe {
             if self.queries != vk::QueryPool::null() {
@@ -93,15 +98,22 @@ impl Submission {
         })?;
         let buffers = [self.raw];
         let info = [vk::SubmitInfo::default().command_buffers(&buffers)];
+        // Before the run and not after it: a run that failed may have left it signalled.
+        // SAFETY: the fence is ours and not pending, as no run returns while its work is.
+        unsafe { device.reset_fences(&[self.fence]) }.called("vkResetFences")?;
         {
             let queue = queue.lock().unwrap_or_else(PoisonError::into_inner);
             // SAFETY: the queue is locked, the command buffer recorded, the fence unsignalled.
             unsafe { device.queue_submit(*queue, &info, self.fence) }.called("vkQueueSubmit")?;
         }
         // SAFETY: the fence is ours.
-        unsafe {
-            device.wait_for_fences(&[self.fence], true, u64::MAX).called("vkWaitForFences")?;
-            device.reset_fences(&[self.fence]).called("vkResetFences")?;
+        let waited = unsafe { device.wait_for_fences(&[self.fence], true, u64::MAX) }.called("vkWaitForFences");
+        if let Err(error) = waited {
+            let _queue = queue.lock().unwrap_or_else(PoisonError::into_inner);
+            // The work must have ended before the caller drops what it uses. On a lost device it has.
+            // SAFETY: the queue is locked.
+            let _ = unsafe { device.device_wait_idle() };
+            return Err(error);
         }
         if self.queries == vk::QueryPool::null() {
             return Ok(None);

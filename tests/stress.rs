@@ -1,0 +1,106 @@
+//! A sample of the stress cases that `vkdenoise-bench stress` runs in full, and frames of arbitrary bits.
+
+mod common;
+#[path = "../tools/bench/stress/mod.rs"]
+mod stress;
+
+use common::device::{assert_no_validation_messages, device};
+use proptest::prelude::*;
+use proptest::test_runner::{Config, RngSeed};
+use std::sync::Mutex;
+use std::time::Instant;
+use stress::scene::Scene;
+use stress::subject::{Subject, Tier, without_residual};
+use stress::{Depends, Effort, bad_samples, cases};
+use vkdenoise::{Denoiser, Extent, Layout, Options, PlaneMut, Weights};
+
+/// The tier that the engine would take, the best; the kernels' own tests hold the tiers to each other.
+fn tier() -> Tier {
+    Tier::of(device()).pop().unwrap()
+}
+
+/// Runs the cases that `wanted` picks. Figures of which `answers` says so must be inside their bounds.
+fn check(weights: &Weights, wanted: impl Fn(&str) -> bool, answers: impl Fn(Depends) -> bool) {
+    let mut subject = Subject::engine(device(), weights, tier()).unwrap();
+    let (mut broken, mut run) = (Vec::new(), 0);
+    for case in cases().into_iter().filter(|case| wanted(case.name)) {
+        let started = Instant::now();
+        for measured in (case.run)(&mut subject, Effort::Sample).unwrap() {
+            let line = format!("{}: {} {}, bound {}", case.name, measured.what, measured.shown(), measured.bound);
+            println!("{line}");
+            if !measured.is_within() && answers(measured.depends) {
+                broken.push(line);
+            }
+        }
+        println!("{}: {:.1} s", case.name, started.elapsed().as_secs_f64());
+        run += 1;
+    }
+    assert!(run > 0 && broken.is_empty(), "of {run} cases, outside their bounds: {broken:#?}");
+    assert_no_validation_messages();
+}
+
+#[test]
+fn bad_pixels_stay_local() {
+    let weights = Weights::hybrid().unwrap();
+    check(&weights, |name| name.contains("bad pixel"), |depends| depends == Depends::Engine);
+}
+
+#[test]
+fn content_shapes_and_sequences() {
+    let weights = Weights::hybrid().unwrap();
+    check(&weights, |name| !name.contains("bad pixel"), |depends| depends == Depends::Engine);
+}
+
+/// What the network's training answers for elsewhere, the way in and out must keep by itself.
+#[test]
+fn the_way_in_and_out_alone_keeps_light() {
+    let weights = without_residual(&Weights::hybrid().unwrap()).unwrap();
+    check(&weights, |name| name.contains("firefl") || name.contains("emitter"), |_| true);
+}
+
+/// Any 32 bits as a float, the odd kinds often.
+fn sample() -> impl Strategy<Value = f32> {
+    prop_oneof![
+        4 => any::<u32>().prop_map(f32::from_bits),
+        4 => 0.0f32..2.0,
+        1 => prop::sample::select(vec![f32::NAN, f32::INFINITY, f32::NEG_INFINITY, f32::MAX, -0.0, 1e-40]),
+    ]
+}
+
+/// A small frame of arbitrary bits in every plane, with any of the features missing.
+fn frame() -> impl Strategy<Value = Scene> {
+    let planes = |(width, height)| {
+        let pixels = width as usize * height as usize;
+        let plane = move |channels| prop::collection::vec(sample(), channels * pixels);
+        let features = (prop::option::of(plane(3)), prop::option::of(plane(3)), prop::option::of(plane(1)));
+        (plane(3), features).prop_map(move |(color, (albedo, normal, depth))| Scene {
+            extent: Extent::new(width, height),
+            clean: Vec::new(),
+            color,
+            albedo,
+            normal,
+            depth,
+        })
+    };
+    (1..=24u32, 1..=16u32).prop_flat_map(planes)
+}
+
+proptest! {
+    #![proptest_config(Config { cases: 8, max_shrink_iters: 40, rng_seed: RngSeed::Fixed(1), ..Config::default() })]
+
+    #[test]
+    fn frames_of_arbitrary_bits_give_sound_pictures_twice(scene in frame()) {
+        static DENOISER: Mutex<Option<Denoiser>> = Mutex::new(None);
+        let mut denoiser = DENOISER.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
+        let denoiser = denoiser.get_or_insert_with(|| {
+            tier().denoiser(device(), &Weights::hybrid().unwrap(), &Options::default()).unwrap()
+        });
+        let rgb = Layout::interleaved(scene.extent, 3);
+        let mut outputs = [(); 2].map(|()| vec![f32::NAN; scene.color.len()]);
+        for output in &mut outputs {
+            denoiser.denoise(&scene.frame(), PlaneMut::f32(output, rgb)).unwrap();
+        }
+        prop_assert_eq!(bad_samples(&outputs[0]), 0.0);
+        prop_assert!(outputs[0] == outputs[1], "another run, other bits");
+    }
+}

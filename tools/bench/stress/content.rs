@@ -1,0 +1,85 @@
+//! Pictures and features at the ends of what renderers write. Beside the plain rule that an output is finite and at least
+//! 0, the engine's residual is held to the f64 reference's.
+
+use super::scene::Scene;
+use super::subject::{Exactness, Subject};
+use super::{Bound, Cases, Effort, Measured, Result, bad_samples, sound};
+use vkdenoise::Extent;
+use vkdenoise::metrics::nmse;
+use vkdenoise::reference::Reference;
+use vkdenoise::testing::denoise_and_read;
+
+/// What this module measures.
+pub const CASES: Cases = &[
+    ("all black", |s, e| content(s, e, |scene| scene.color.fill(0.0))),
+    ("all equal", |s, e| content(s, e, |scene| scene.color.fill(0.5))),
+    ("a step of 1e6 contrast", |s, e| content(s, e, |scene| by_pixel(scene, |x, _| if x < 29 { 1e-3 } else { 1e3 }))),
+    ("checkerboard", |s, e| content(s, e, |scene| by_pixel(scene, |x, y| ((x + y) % 2) as f32))),
+    ("lines of one pixel", |s, e| content(s, e, |scene| by_pixel(scene, line))),
+    ("normals of length 1000", |s, e| content(s, e, |scene| normals(scene, 1000.0))),
+    ("normals of length 0", |s, e| content(s, e, |scene| normals(scene, 0.0))),
+    ("albedo of 10", |s, e| content(s, e, |scene| scene.albedo.iter_mut().flatten().for_each(|v| *v *= 10.0))),
+    ("sky depths of 1e10", |s, e| content(s, e, sky)),
+    ("depth in kilometres", depth_unit),
+];
+
+fn by_pixel(scene: &mut Scene, value: impl Fn(usize, usize) -> f32) {
+    let width = scene.extent.width as usize;
+    for (i, pixel) in scene.color.chunks_exact_mut(3).enumerate() {
+        pixel.fill(value(i % width, i / width));
+    }
+}
+
+/// Bright rows and columns on a dark ground.
+fn line(x: usize, y: usize) -> f32 {
+    if x % 17 == 5 || y % 13 == 7 { 8.0 } else { 0.02 }
+}
+
+fn normals(scene: &mut Scene, length: f32) {
+    scene.normal.iter_mut().flatten().for_each(|v| *v *= length);
+}
+
+/// The upper half of the frame is sky.
+fn sky(scene: &mut Scene) {
+    let half = scene.pixels() / 2;
+    if let Some(depth) = &mut scene.depth {
+        depth[..half].fill(1e10);
+    }
+}
+
+/// A frame that is padded to one step of the network's grid.
+const EXTENT: Extent = Extent::new(61, 47);
+
+fn content(subject: &mut Subject, effort: Effort, change: fn(&mut Scene)) -> Result<Vec<Measured>> {
+    let mut scene = Scene::new(EXTENT, 7);
+    change(&mut scene);
+    let mut sound = sound();
+    sound.take(bad_samples(&subject.denoise(&scene)?), "");
+    let mut figures = vec![sound];
+    let Some(engine) = subject.as_engine() else { return Ok(figures) };
+    // The reference takes its time; colour at its ends is where it can differ most.
+    let wanted = effort == Effort::Everything || scene.color != Scene::new(EXTENT, 7).color;
+    if wanted && engine.tier.exactness == Exactness::Single {
+        let (found, plan) = denoise_and_read(&mut engine.denoiser, &scene.frame(), |plan| plan.residual.buffer)?;
+        let mut reference = Reference::new(&plan, &engine.weights)?;
+        reference.set_frame(&scene.frame(), None, 0.0)?;
+        reference.run();
+        let expected: Vec<f32> = reference.buffer(plan.residual.buffer).iter().map(|&v| v as f32).collect();
+        let mut error = Measured::new("residual's NMSE to f64", Bound::AtMost(1e-9));
+        error.take(nmse(&found, &expected)?, "");
+        figures.push(error);
+    }
+    Ok(figures)
+}
+
+/// The unit of depth makes no difference.
+fn depth_unit(subject: &mut Subject, _: Effort) -> Result<Vec<Measured>> {
+    let mut scene = Scene::new(EXTENT, 7);
+    let key = scene.key()?;
+    let metres = subject.denoise(&scene)?;
+    scene.depth.iter_mut().flatten().for_each(|v| *v *= 1e-3);
+    let kilometres = subject.denoise(&scene)?;
+    let mut moved = Measured::new("pixels move, of value + 1e-3 key", Bound::AtMost(1e-3));
+    moved.take(super::bad_pixels::largest_move(&kilometres, &metres, key, |_| true), "");
+    Ok(vec![moved])
+}

@@ -1,0 +1,201 @@
+//! What is put under stress: a tier of the engine, or a peer that another process runs.
+
+use super::Result;
+use super::scene::Scene;
+use std::collections::BTreeMap;
+use std::io::{Read, Write};
+use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use vkdenoise::net::Graph;
+use vkdenoise::testing::{Bench, denoiser_with_kernels};
+use vkdenoise::{Denoiser, Device, Layout, Options, PlaneMut, Precision, Weights};
+
+/// How much a tier may differ where the input is only scaled.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Exactness {
+    /// 32-bit floats throughout.
+    Single,
+    /// Halves somewhere.
+    Half,
+}
+
+/// A tier of the engine: a column of the matrix.
+#[derive(Clone, Copy, Debug)]
+pub struct Tier {
+    /// Its name.
+    pub name: &'static str,
+    /// Arithmetic and storage.
+    pub precision: Precision,
+    /// Which bounds hold for it.
+    pub exactness: Exactness,
+    /// Whether the kernels shaped for CPU drivers run.
+    pub cpu_kernels: bool,
+}
+
+/// Every tier. A new one is a line here.
+pub const TIERS: [Tier; 2] = [
+    Tier { name: "fp32", precision: Precision::F32, exactness: Exactness::Single, cpu_kernels: false },
+    Tier { name: "fp32, CPU kernels", precision: Precision::F32, exactness: Exactness::Single, cpu_kernels: true },
+];
+
+impl Tier {
+    /// The tiers that a device can run.
+    pub fn of(device: &Device) -> Vec<Self> {
+        TIERS.into_iter().filter(|tier| !tier.cpu_kernels || Bench::can_run_cpu_kernels(device)).collect()
+    }
+
+    /// A denoiser of this tier, with its precision in the place of the options' own.
+    ///
+    /// # Errors
+    /// As [`Denoiser::new`].
+    pub fn denoiser(&self, device: &Device, weights: &Weights, options: &Options) -> Result<Denoiser> {
+        let options = Options { precision: self.precision, ..*options };
+        Ok(denoiser_with_kernels(device, weights, &options, self.cpu_kernels)?)
+    }
+}
+
+/// The same network with an output layer of zeros: the pre- and post-processing alone, what comes in comes out.
+///
+/// # Errors
+/// None for weights that were checked.
+pub fn without_residual(weights: &Weights) -> Result<Weights> {
+    let mut tensors = BTreeMap::new();
+    for spec in Graph::new(weights.arch())?.tensors() {
+        let mut tensor = weights.tensor(&spec.name)?.clone();
+        if spec.name.starts_with("output.") {
+            tensor.data.fill(0.0);
+        }
+        tensors.insert(spec.name, tensor);
+    }
+    Ok(Weights::from_parts(weights.arch().clone(), weights.preprocessing(), tensors)?)
+}
+
+/// What is put under stress.
+pub struct Subject {
+    kind: Kind,
+    /// The latest undisturbed scene and its result: several cases begin with the same.
+    undisturbed: Option<(Scene, Vec<f32>)>,
+}
+
+enum Kind {
+    Engine(Box<Engine>),
+    Peer(Peer),
+}
+
+/// A tier of the engine on a device.
+pub struct Engine {
+    /// The tier.
+    pub tier: Tier,
+    /// The device.
+    pub device: Device,
+    /// The weights.
+    pub weights: Weights,
+    /// The denoiser, with the tier's default options.
+    pub denoiser: Denoiser,
+}
+
+impl Subject {
+    /// A tier of the engine.
+    ///
+    /// # Errors
+    /// As [`Denoiser::new`].
+    pub fn engine(device: &Device, weights: &Weights, tier: Tier) -> Result<Self> {
+        let denoiser = tier.denoiser(device, weights, &Options::default())?;
+        let engine = Engine { tier, device: device.clone(), weights: weights.clone(), denoiser };
+        Ok(Self { kind: Kind::Engine(Box::new(engine)), undisturbed: None })
+    }
+
+    /// A process that denoises what it is sent.
+    pub fn peer(peer: Peer) -> Self {
+        Self { kind: Kind::Peer(peer), undisturbed: None }
+    }
+
+    /// Denoises a scene. Samples that were not written are NaN.
+    ///
+    /// # Errors
+    /// As [`Denoiser::denoise`]; a peer's broken pipe.
+    pub fn denoise(&mut self, scene: &Scene) -> Result<Vec<f32>> {
+        match &mut self.kind {
+            Kind::Engine(engine) => {
+                let mut output = vec![f32::NAN; scene.color.len()];
+                let rgb = Layout::interleaved(scene.extent, 3);
+                engine.denoiser.denoise(&scene.frame(), PlaneMut::f32(&mut output, rgb))?;
+                Ok(output)
+            }
+            Kind::Peer(peer) => peer.denoise(scene),
+        }
+    }
+
+    /// The same, remembered: for a scene that others are then compared with.
+    ///
+    /// # Errors
+    /// As [`Subject::denoise`].
+    pub fn denoise_undisturbed(&mut self, scene: &Scene) -> Result<Vec<f32>> {
+        if let Some((_, output)) = self.undisturbed.as_ref().filter(|(known, _)| known == scene) {
+            return Ok(output.clone());
+        }
+        let output = self.denoise(scene)?;
+        self.undisturbed = Some((scene.clone(), output.clone()));
+        Ok(output)
+    }
+
+    /// The engine, where it is one.
+    pub fn as_engine(&mut self) -> Option<&mut Engine> {
+        match &mut self.kind {
+            Kind::Engine(engine) => Some(engine),
+            Kind::Peer(_) => None,
+        }
+    }
+
+    /// Which bounds hold for it.
+    pub fn exactness(&self) -> Exactness {
+        match &self.kind {
+            Kind::Engine(engine) => engine.tier.exactness,
+            Kind::Peer(_) => Exactness::Single,
+        }
+    }
+}
+
+/// A process that denoises. It is sent `width, height, albedo?, normal?, depth?` as 32-bit integers and then the planes
+/// that there are, interleaved 32-bit floats, and answers with the denoised colour. Everything is little-endian.
+pub struct Peer {
+    child: Child,
+    // Closed before the process is waited for: its end of input is its end.
+    stdin: Option<ChildStdin>,
+    stdout: ChildStdout,
+}
+
+impl Peer {
+    /// Starts `command`, split at spaces.
+    ///
+    /// # Errors
+    /// Where it cannot be started.
+    pub fn start(command: &str) -> Result<Self> {
+        let mut words = command.split_whitespace();
+        let program = words.next().ok_or("an empty command for a peer")?;
+        let mut child = Command::new(program).args(words).stdin(Stdio::piped()).stdout(Stdio::piped()).spawn()?;
+        let (stdin, stdout) = (child.stdin.take(), child.stdout.take().ok_or("a peer without output")?);
+        Ok(Self { child, stdin, stdout })
+    }
+
+    fn denoise(&mut self, scene: &Scene) -> Result<Vec<f32>> {
+        let stdin = self.stdin.as_mut().ok_or("the peer has ended")?;
+        let features = [&scene.albedo, &scene.normal, &scene.depth];
+        let mut message = vec![scene.extent.width, scene.extent.height];
+        message.extend(features.map(|plane| u32::from(plane.is_some())));
+        let planes = std::iter::once(&scene.color).chain(features.into_iter().flatten());
+        message.extend(planes.flatten().map(|value| value.to_bits()));
+        stdin.write_all(bytemuck::cast_slice(&message))?;
+        stdin.flush()?;
+        let mut output = vec![f32::NAN; scene.color.len()];
+        self.stdout.read_exact(bytemuck::cast_slice_mut(&mut output))?;
+        Ok(output)
+    }
+}
+
+impl Drop for Peer {
+    fn drop(&mut self) {
+        drop(self.stdin.take());
+        // A peer that fails at its end has answered everything before.
+        let _ = self.child.wait();
+    }
+}
