@@ -183,8 +183,7 @@ impl Device {
         // SAFETY: extension and features were reported by this physical device; the pointers outlive the call.
         let raw = unsafe { instance.raw.create_device(physical, &create, None) }.called("vkCreateDevice")?;
         let raw = patch(raw);
-        let executables =
-            statistics.then(|| khr::pipeline_executable_properties::Device::new(&instance.raw, &raw));
+        let executables = statistics.then(|| khr::pipeline_executable_properties::Device::new(&instance.raw, &raw));
         // SAFETY: the family and the one queue of it were just created.
         let queue = unsafe { raw.get_device_queue(queue_family, 0) };
         let caps = caps.with_timestamp_bits(timestamp_bits);

@@ -51,6 +51,7 @@ pub fn roofline(path: &Path, title: &str, roof: &Roof, points: &[Point]) -> Resu
         .x_desc("FLOP per byte of memory traffic")
         .y_desc("GFLOP/s")
         .light_line_style(BLACK.mix(0.06))
+        .max_light_lines(4)
         .draw()
         .map_err(said)?;
     // The ridge is a corner: a line of three points, straight on these axes.
