@@ -51,10 +51,8 @@ pub fn check(contract: &Contract, words: &[u32]) -> Result<(), String> {
         BindingType::StorageImage => "storage image",
         BindingType::TexelBuffer => "texel buffer",
     };
-    let wanted_bindings: Vec<_> = (0..)
-        .zip(contract.bindings)
-        .map(|(at, b)| (0, at, binding(b.ty).to_owned(), b.name.to_owned()))
-        .collect();
+    let wanted_bindings: Vec<_> =
+        (0..).zip(contract.bindings).map(|(at, b)| (0, at, binding(b.ty).to_owned(), b.name.to_owned())).collect();
     let wanted_constants: Vec<_> = (0..).zip(contract.constants).map(|(id, c)| (id, c.name.to_owned())).collect();
     compare(contract, "push constants (offset, type, name)", &push, &wanted_push)?;
     compare(contract, "descriptors (set, binding, type, name)", &bindings, &wanted_bindings)?;

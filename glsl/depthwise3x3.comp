@@ -21,7 +21,7 @@ layout(push_constant) uniform Push {
     uint src_stride;      // strides and channel counts in vectors of four
     uint dst_stride;
     uint channels;
-    uint tiles_x;
+    uint first_tile;      // x | y << 16
     uint tile_count;
     uint flags;
 };
@@ -30,7 +30,7 @@ void main() {
     uint slot = group_index();
     uint channel = gl_WorkGroupID.y * 8u + gl_LocalInvocationID.x % 8u;
     if (slot >= tile_count || channel >= channels) return;
-    uvec2 tile = tile_position(slot, tiles_x, flags, tiles);
+    uvec2 tile = tile_position(slot, first_tile, flags, tiles);
     uint run = gl_LocalInvocationID.x / 8u;
     ivec2 base = ivec2(tile * 8u) + ivec2(run % (8u / TX), run / (8u / TX)) * ivec2(TX, TY);
 

@@ -40,11 +40,13 @@ layout(push_constant) uniform Push {
     uint dst_pixel;
     uint dst_row;
     uint dst_channel;
-    uint width;
-    uint height;
+    uint left;            // the pixels to write, ends excluded
+    uint top;
+    uint right;
+    uint bottom;
     uint src_width;
     uint residual_stride; // in vectors of four
-    uint tiles_x;
+    uint first_tile;      // x | y << 16
     uint tile_count;
     uint flags;
     float blend;
@@ -61,9 +63,9 @@ float linear_color(float log_value, float inverse_exposure) {
 void main() {
     uint slot = group_index();
     if (slot >= tile_count) return;
-    uvec2 at = tile_position(slot, tiles_x, flags, tiles) * 8u;
+    uvec2 at = tile_position(slot, first_tile, flags, tiles) * 8u;
     at += uvec2(gl_LocalInvocationID.x % 8u, gl_LocalInvocationID.x / 8u);
-    if (at.x >= width || at.y >= height) return;
+    if (at.x < left || at.x >= right || at.y < top || at.y >= bottom) return;
 
     uint pixel = at.y * src_width + at.x;
     vec3 noisy = LOAD(log_color, pixel).xyz;

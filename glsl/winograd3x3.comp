@@ -5,8 +5,8 @@
 // An invocation keeps its tiles' sums at all points in registers: TX tiles side by side, 4 * NV output channels.
 #version 460
 #extension GL_EXT_control_flow_attributes : require
-#ifdef WEIGHTS_BROADCAST
-#extension GL_KHR_shader_subgroup_ballot : require
+#ifdef WEIGHTS_SHARED
+#extension GL_KHR_shader_subgroup_shuffle : require
 #endif
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"
@@ -34,7 +34,7 @@ layout(push_constant) uniform Push {
     uint dst_channels;
     uint residual_stride;
     uint bias_vectors;
-    uint tiles_x;
+    uint first_tile;      // x | y << 16
     uint tile_count;
     uint flags;
 };
@@ -93,14 +93,14 @@ vec4 points[TX * POINTS];
 }
 #endif
 
-#ifdef WEIGHTS_BROADCAST
+#ifdef WEIGHTS_SHARED
 // Eight lanes load an eighth of a row of points' weights each and hand it round.
 const int PER_LANE = IN * 4 / 8;
 vec4 lane_weights[PER_LANE];
 #define FETCH_WEIGHTS(base) \
     { uint lane = gl_SubgroupInvocationID & 7u; \
       [[unroll]] for (int i = 0; i < PER_LANE; ++i) lane_weights[i] = LOAD_WEIGHTS(weights, (base) + lane * PER_LANE + i); }
-#define WEIGHT(base, j) subgroupBroadcast(lane_weights[(j) % PER_LANE], uint((j) / PER_LANE))
+#define WEIGHT(base, j) subgroupShuffle(lane_weights[(j) % PER_LANE], uint((j) / PER_LANE))
 #else
 #define FETCH_WEIGHTS(base)
 #define WEIGHT(base, j) LOAD_WEIGHTS(weights, (base) + (j))
@@ -109,7 +109,7 @@ vec4 lane_weights[PER_LANE];
 void main() {
     uint slot = group_index() * (64u / LANES) + gl_LocalInvocationID.x / LANES;
     bool live = slot < tile_count;
-    uvec2 tile = tile_position(min(slot, tile_count - 1u), tiles_x, flags, tiles);
+    uvec2 tile = tile_position(min(slot, tile_count - 1u), first_tile, flags, tiles);
     uint lane = gl_LocalInvocationID.x % LANES;
     ivec2 base = ivec2(tile * 8u) + ivec2(lane % LANES_X, lane / LANES_X) * ivec2(OUT * TX, OUT);
     uint first_channel = gl_WorkGroupID.y * NV;

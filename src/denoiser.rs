@@ -2,13 +2,14 @@
 
 use crate::engine::{self, Engine};
 use crate::error::{Error, Result};
-use crate::frame::{Extent, Features, Frame, PlaneMut, check_in_place};
+use crate::frame::{Extent, Features, Frame, PlaneMut, Region, check_in_place};
 use crate::host::HostPass;
 use crate::net::weights::Weights;
 use crate::pass::{FrameOptions, Pass};
 use crate::plan::{ConvAlgorithm, SeparableForm};
 use crate::profile::KernelRecord;
 use crate::vk::device::Device;
+use crate::vk::statistics::PipelineStatistic;
 use std::fmt;
 use std::str::FromStr;
 use std::sync::Arc;
@@ -116,7 +117,7 @@ impl Denoiser {
 
     /// The same, with or without the kernels shaped for CPU drivers.
     pub(crate) fn with_kernels(device: &Device, weights: &Weights, options: &Options, cpu: bool) -> Result<Self> {
-        let frame = FrameOptions { exposure: options.exposure, blend: options.blend };
+        let frame = FrameOptions { exposure: options.exposure, blend: options.blend, region: None };
         frame.check()?;
         let mut engine = Engine::new(device, weights, options)?;
         engine.cpu = cpu;
@@ -132,6 +133,13 @@ impl Denoiser {
         options.check()?;
         self.options = options;
         Ok(())
+    }
+
+    /// The pixels that the host path computes and writes from now on; `None`, as at first: all. They get the bits that the
+    /// whole frame would give them; every other pixel of the output keeps what it holds. A region outside the frame is an
+    /// error of the next call.
+    pub fn set_region(&mut self, region: Option<Region>) {
+        self.options.region = region;
     }
 
     /// Whether the host path times every kernel from now on; [`Denoiser::records`] has the times. Off at first.
@@ -151,6 +159,15 @@ impl Denoiser {
     /// [`Denoiser::set_profiling`].
     pub fn records(&self) -> &[KernelRecord] {
         self.host.as_ref().map_or(&[], HostPass::records)
+    }
+
+    /// What the driver's compiler says of the kernels made so far: registers, spills, shared memory. Empty unless the device
+    /// was opened with [`crate::DeviceOptions::pipeline_statistics`] and has them.
+    ///
+    /// # Errors
+    /// [`Error::Vulkan`].
+    pub fn pipeline_statistics(&self) -> Result<Vec<PipelineStatistic>> {
+        self.engine.pipelines.statistics()
     }
 
     /// The precision in use: `fp32`.
@@ -174,17 +191,18 @@ impl Denoiser {
     /// Denoises a frame in host memory and waits for the result. What a size needs is kept for the next call.
     ///
     /// # Errors
-    /// [`Error::EmptyFrame`], [`Error::PlaneMismatch`], [`Error::FrameTooLarge`], [`Error::OutOfMemory`],
-    /// [`Error::DeviceLost`], [`Error::Vulkan`]; [`Error::Binding`] on a renderer's device, which has no queue of ours.
+    /// [`Error::EmptyFrame`], [`Error::PlaneMismatch`], [`Error::InvalidOption`] for a region that leaves the frame,
+    /// [`Error::FrameTooLarge`], [`Error::OutOfMemory`], [`Error::DeviceLost`], [`Error::Vulkan`]; [`Error::Binding`] on a renderer's device, which has no queue of ours.
     /// The output is untouched then.
     pub fn denoise(&mut self, frame: &Frame, mut output: PlaneMut) -> Result<Report> {
         frame.check()?;
         output.check("output", frame.extent, 3)?;
+        self.check_region(frame.extent)?;
         let started = Instant::now();
         let (profiling, (pass, options)) = (self.profiling, self.host_pass(frame.extent)?);
         pass.write_color(|extent, packed| frame.color.pack(extent, 3, packed));
         let report = pass.run(&frame.features, &options, profiling, started)?;
-        pass.read(&mut output);
+        pass.read(&mut output, options.region);
         Ok(report)
     }
 
@@ -194,12 +212,17 @@ impl Denoiser {
     /// As [`Denoiser::denoise`].
     pub fn denoise_in_place(&mut self, extent: Extent, mut color: PlaneMut, features: &Features) -> Result<Report> {
         check_in_place(extent, &color, features)?;
+        self.check_region(extent)?;
         let started = Instant::now();
         let (profiling, (pass, options)) = (self.profiling, self.host_pass(extent)?);
         pass.write_color(|extent, packed| color.pack(extent, 3, packed));
         let report = pass.run(features, &options, profiling, started)?;
-        pass.read(&mut color);
+        pass.read(&mut color, options.region);
         Ok(report)
+    }
+
+    fn check_region(&self, extent: Extent) -> Result<()> {
+        self.options.region.map_or(Ok(()), |region| region.check(extent))
     }
 
     /// The pass that the host path ran last.

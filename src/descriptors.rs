@@ -76,8 +76,7 @@ impl DescriptorSets {
                     }
                     BindingType::SampledImage | BindingType::StorageImage => {
                         let Some(plane) = resources.images.map(|frame| image_of(frame, binding.name)) else { continue };
-                        image =
-                            [vk::DescriptorImageInfo::default().image_view(plane.view).image_layout(plane.layout)];
+                        image = [vk::DescriptorImageInfo::default().image_view(plane.view).image_layout(plane.layout)];
                         write = write.image_info(&image);
                     }
                 }

@@ -71,8 +71,7 @@ impl Engine {
     pub fn max_block_bytes(device: &Device) -> u64 {
         let caps = device.caps();
         // A kernel that reads a map as texels must reach all of it.
-        let texels =
-            if prefers_cpu_kernels(device) { u64::from(caps.max_texels) * TEXEL_BYTES } else { u64::MAX };
+        let texels = if prefers_cpu_kernels(device) { u64::from(caps.max_texels) * TEXEL_BYTES } else { u64::MAX };
         caps.max_buffer_bytes.min(MAX_BLOCK_BYTES).min(texels)
     }
 

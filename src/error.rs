@@ -9,7 +9,9 @@ use crate::net::weights::WeightsError;
 #[non_exhaustive]
 pub enum Error {
     /// The Vulkan loader could not be opened.
-    #[error("no Vulkan loader found ({0}): install a Vulkan driver and its loader (Debian: libvulkan1, mesa-vulkan-drivers)")]
+    #[error(
+        "no Vulkan loader found ({0}): install a Vulkan driver and its loader (Debian: libvulkan1, mesa-vulkan-drivers)"
+    )]
     NoLoader(String),
     /// No Vulkan device can run the denoiser. Gives, for each device seen, what it lacks.
     #[error("no usable Vulkan device: {0}")]

@@ -88,6 +88,54 @@ impl Layout {
     }
 }
 
+/// A rectangle of a frame's pixels.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Region {
+    /// First column.
+    pub x: u32,
+    /// First row.
+    pub y: u32,
+    /// Columns, at least 1.
+    pub width: u32,
+    /// Rows, at least 1.
+    pub height: u32,
+}
+
+impl Region {
+    /// The whole frame.
+    pub const fn all(extent: Extent) -> Self {
+        Self { x: 0, y: 0, width: extent.width, height: extent.height }
+    }
+
+    /// Column after the last.
+    pub const fn right(&self) -> u32 {
+        self.x.saturating_add(self.width)
+    }
+
+    /// Row after the last.
+    pub const fn bottom(&self) -> u32 {
+        self.y.saturating_add(self.height)
+    }
+
+    /// Whether a pixel lies in it.
+    pub const fn contains(&self, x: u32, y: u32) -> bool {
+        self.x <= x && x < self.right() && self.y <= y && y < self.bottom()
+    }
+
+    /// Checks that it is not empty and lies within a frame.
+    pub(crate) fn check(&self, extent: Extent) -> Result<()> {
+        if self.width > 0 && self.height > 0 && self.right() <= extent.width && self.bottom() <= extent.height {
+            return Ok(());
+        }
+        let Self { x, y, width, height } = self;
+        let reason = format!(
+            "{width} x {height} pixels from ({x}, {y}); it must have pixels and lie within the frame of {} x {}",
+            extent.width, extent.height
+        );
+        Err(Error::InvalidOption { option: "region", reason })
+    }
+}
+
 /// Samples to read, in 32- or 16-bit floats.
 #[derive(Clone, Copy, Debug)]
 pub enum Samples<'a> {
@@ -202,14 +250,14 @@ impl<'a> PlaneMut<'a> {
         pack(&self.as_samples(), &self.layout, extent, channels, out);
     }
 
-    /// Writes interleaved 32-bit floats into the plane. Samples between the pixels stay as they are.
-    pub(crate) fn unpack(&mut self, extent: Extent, channels: usize, values: &[f32]) {
+    /// Writes a region of interleaved 32-bit floats into the plane. All other samples stay as they are.
+    pub(crate) fn unpack(&mut self, extent: Extent, region: Region, channels: usize, values: &[f32]) {
         let layout = self.layout;
-        let mut values = values.iter();
-        for y in 0..extent.height as usize {
-            for x in 0..extent.width as usize {
+        for y in region.y as usize..region.bottom() as usize {
+            for x in region.x as usize..region.right() as usize {
                 for c in 0..channels {
-                    let (index, value) = (layout.index(x, y, c), values.next().copied().unwrap_or(0.0));
+                    let from = (y * extent.width as usize + x) * channels + c;
+                    let (index, value) = (layout.index(x, y, c), values.get(from).copied().unwrap_or(0.0));
                     match &mut self.samples {
                         SamplesMut::F32(s) => s[index] = value,
                         SamplesMut::F16(s) => s[index] = f16::from_f32(value.min(f16::MAX.to_f32())),

@@ -3,7 +3,7 @@
 use crate::denoiser::Report;
 use crate::engine::Engine;
 use crate::error::{Error, Result};
-use crate::frame::{Extent, Features, Layout, PlaneMut};
+use crate::frame::{Extent, Features, Layout, PlaneMut, Region};
 use crate::kernels::stats::STATS_FLOATS;
 use crate::pass::{Binding, FrameOptions, Pass};
 use crate::profile::{KernelRecord, Profiler};
@@ -119,10 +119,11 @@ impl HostPass {
         })
     }
 
-    /// Writes the result to the caller's plane.
-    pub fn read(&self, output: &mut PlaneMut) {
+    /// Writes the result to the caller's plane; `region` as in the last run.
+    pub fn read(&self, output: &mut PlaneMut, region: Option<Region>) {
         let extent = self.extent();
-        output.unpack(extent, 3, bytemuck::cast_slice(&self.output.bytes()[..12 * extent.pixels() as usize]));
+        let region = region.unwrap_or(Region::all(extent));
+        output.unpack(extent, region, 3, bytemuck::cast_slice(&self.output.bytes()[..12 * extent.pixels() as usize]));
     }
 
     fn floats(&mut self) -> &mut [f32] {

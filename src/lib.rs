@@ -71,7 +71,7 @@ mod weights;
 
 pub use denoiser::{Denoiser, Exposure, Options, Precision, Report};
 pub use error::{Error, Result};
-pub use frame::{Extent, Features, Frame, Layout, Plane, PlaneMut, Samples, SamplesMut};
+pub use frame::{Extent, Features, Frame, Layout, Plane, PlaneMut, Region, Samples, SamplesMut};
 pub use net::weights::Weights;
 pub use pass::{Binding, FrameOptions, Pass};
 pub use profile::{KernelRecord, Profiler};

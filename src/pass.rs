@@ -4,7 +4,7 @@ use crate::denoiser::Exposure;
 use crate::descriptors::{DescriptorSets, Resources};
 use crate::engine::Engine;
 use crate::error::{Error, Result};
-use crate::frame::Extent;
+use crate::frame::{Extent, Region};
 use crate::kernels::{Addresses, BufferId, FrameArgs, PlaneArgs, TexelRange, Variants};
 use crate::net::weights::ExposureRule;
 use crate::plan::{ELEMENT_BYTES, Place, Plan};
@@ -46,11 +46,14 @@ pub struct FrameOptions {
     pub exposure: Exposure,
     /// Share of the noisy colour in the result, 0 (all denoised) to 1 (all noisy).
     pub blend: f32,
+    /// The pixels that are wanted; `None`: all. Only what they depend on is computed and only they are written, with the
+    /// bits that they have in the whole frame.
+    pub region: Option<Region>,
 }
 
 impl Default for FrameOptions {
     fn default() -> Self {
-        Self { exposure: Exposure::Auto, blend: 0.0 }
+        Self { exposure: Exposure::Auto, blend: 0.0, region: None }
     }
 }
 
@@ -165,7 +168,12 @@ impl Pass {
 
     /// # Safety
     /// The images are valid, belong to the device and live as long as the binding.
-    pub(crate) unsafe fn bind(&self, images: Option<&ImageFrame>, variants: Variants, planes: FrameArgs) -> Result<Binding> {
+    pub(crate) unsafe fn bind(
+        &self,
+        images: Option<&ImageFrame>,
+        variants: Variants,
+        planes: FrameArgs,
+    ) -> Result<Binding> {
         let (engine, dispatches) = (&self.engine, &self.plan.dispatches);
         let pipelines = engine.pipelines.for_dispatches(dispatches, variants)?;
         let texels = |range: &TexelRange| {
@@ -190,7 +198,8 @@ impl Pass {
     ///   that its next use needs. Bound compute pipeline, compute descriptor set 0 and push constants have changed.
     ///
     /// # Errors
-    /// [`Error::InvalidOption`]; [`Error::Binding`] where the binding was made for another frame size.
+    /// [`Error::InvalidOption`], also where the region leaves the frame; [`Error::Binding`] where the binding was made for
+    /// another frame size.
     ///
     /// # Safety
     /// `commands` is recording, belongs to the denoiser's device and to a family with compute, and is outside a render
@@ -239,7 +248,15 @@ impl Pass {
                 has.width, has.height, wants.width, wants.height
             )));
         }
-        let dispatches = &self.plan.dispatches;
+        let restricted;
+        let dispatches = match options.region {
+            Some(region) => {
+                region.check(self.plan.extent)?;
+                restricted = self.plan.of_region(region);
+                &restricted
+            }
+            None => &self.plan.dispatches,
+        };
         let timestamps = match profiled {
             Some((profiler, slot)) => Some(profiler.begin(slot, dispatches, binding.variants)?),
             None => None,

@@ -7,10 +7,11 @@ use crate::kernels::{Addresses, Variants};
 use crate::plan::Dispatch;
 use crate::vk::device::Device;
 use crate::vk::pipeline::Pipeline;
+use crate::vk::statistics::{PipelineStatistic, of_pipeline};
 use crate::vk::submit;
 use crate::vk::timestamps::Timestamps;
 use ash::vk;
-use std::collections::HashMap;
+use std::collections::{BTreeMap, HashMap};
 use std::sync::{Arc, Mutex, PoisonError};
 
 /// The pipelines of a device, made when first asked for and kept.
@@ -40,6 +41,14 @@ impl Pipelines {
         let pipeline = Arc::new(Pipeline::new(&self.device, contract)?);
         made.insert(contract.name, Arc::clone(&pipeline));
         Ok(pipeline)
+    }
+
+    /// What the compiler says of every pipeline made so far, by variant.
+    pub fn statistics(&self) -> Result<Vec<PipelineStatistic>> {
+        let made = self.made.lock().unwrap_or_else(PoisonError::into_inner);
+        let sorted: BTreeMap<_, _> = made.iter().collect();
+        let of_each = sorted.into_iter().map(|(variant, pipeline)| of_pipeline(&self.device, variant, pipeline));
+        Ok(of_each.collect::<Result<Vec<_>>>()?.concat())
     }
 
     /// One pipeline for each dispatch, in order.

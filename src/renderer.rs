@@ -154,13 +154,13 @@ impl ImageFrame {
                 });
             }
             if !formats.contains(&plane.format) {
-                return Err(Error::Binding(format!(
-                    "the {name} image is {:?}; it can be {formats:?}",
-                    plane.format
-                )));
+                return Err(Error::Binding(format!("the {name} image is {:?}; it can be {formats:?}", plane.format)));
             }
             if !layouts.contains(&plane.layout) {
-                return Err(Error::Binding(format!("the {name} image is in {:?}; it can be in {layouts:?}", plane.layout)));
+                return Err(Error::Binding(format!(
+                    "the {name} image is in {:?}; it can be in {layouts:?}",
+                    plane.layout
+                )));
             }
         }
         if self.color.view == self.output.view {

@@ -8,8 +8,8 @@ use common::random::Random;
 use half::f16;
 use vkdenoise::testing::Bench;
 use vkdenoise::{
-    Binding, Denoiser, Device, DeviceOptions, DeviceSelector, Error, Exposure, Extent, Features, Frame, FrameOptions, Layout, Options,
-    Pass, Plane, PlaneMut, Weights,
+    Binding, Denoiser, Device, DeviceOptions, DeviceSelector, Error, Exposure, Extent, Features, Frame, FrameOptions,
+    Layout, Options, Pass, Plane, PlaneMut, Weights,
 };
 
 fn denoiser() -> Denoiser {
@@ -107,7 +107,8 @@ fn strides_formats_and_in_place_give_the_same() {
     let pixels = extent.pixels() as usize;
 
     // Planar colour, written to rows with a gap; what lies between stays.
-    let planar: Vec<f32> = (0..3).flat_map(|c| (0..pixels).map(move |p| (p, c))).map(|(p, c)| scene.color[3 * p + c]).collect();
+    let planar: Vec<f32> =
+        (0..3).flat_map(|c| (0..pixels).map(move |p| (p, c))).map(|(p, c)| scene.color[3 * p + c]).collect();
     let gapped = Layout { offset: 3, pixel_stride: 4, row_stride: 4 * 37 + 9, channel_stride: 1 };
     let mut output = vec![-7.0; 3 + (4 * 37 + 9) * 21];
     let frame = Frame { color: Plane::f32(&planar, Layout::planar(extent)), ..scene.frame() };
@@ -127,9 +128,8 @@ fn strides_formats_and_in_place_give_the_same() {
     assert!(output.iter().zip(untouched).all(|(v, untouched)| !untouched || *v == -7.0));
 
     let mut in_place = scene.color.clone();
-    let report = denoiser
-        .denoise_in_place(extent, PlaneMut::f32(&mut in_place, scene.rgb()), &scene.frame().features)
-        .unwrap();
+    let report =
+        denoiser.denoise_in_place(extent, PlaneMut::f32(&mut in_place, scene.rgb()), &scene.frame().features).unwrap();
     assert_same_bits(&in_place, &expected, "in place");
     assert!(report.exposure > 0.0 && report.device_bytes > 0 && report.total_ms > 0.0);
 
@@ -242,7 +242,9 @@ fn what_is_refused() {
     assert!(matches!("fp8".parse::<vkdenoise::Precision>(), Err(Error::InvalidOption { option: "precision", .. })));
 
     let unknown = Device::open(&DeviceSelector::Name("no such device".into()));
-    assert!(matches!(unknown, Err(Error::UnknownDevice { wanted, available }) if wanted.contains("no such") && !available.is_empty()));
+    assert!(
+        matches!(unknown, Err(Error::UnknownDevice { wanted, available }) if wanted.contains("no such") && !available.is_empty())
+    );
     assert!(matches!(Device::open(&DeviceSelector::Index(99)), Err(Error::UnknownDevice { .. })));
 
     let loader = Some("no/such/libvulkan.so".into());

@@ -106,7 +106,7 @@ fn set(fault: Option<Fault>) -> Option<Fault> {
 
 fn open() -> Device {
     let selector = DeviceSelector::from_env().unwrap_or_default();
-    let options = DeviceOptions { selector, validation: true, loader: None };
+    let options = DeviceOptions { selector, validation: true, ..DeviceOptions::default() };
     // SAFETY: the patched functions fail before they do anything, as Vulkan allows.
     unsafe { open_patched(&options, patched) }.unwrap()
 }

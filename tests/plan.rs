@@ -69,11 +69,8 @@ fn what_is_read_was_written_and_not_overwritten() {
             let traffic = dispatch.traffic();
             for (id, _) in &traffic.reads {
                 for span in spans(&plan, &[(*id, 0)]) {
-                    let owners: Vec<_> = memory
-                        .iter()
-                        .filter(|m| m.0 == span.0 && m.1 < span.2 && span.1 < m.2)
-                        .map(|m| m.3)
-                        .collect();
+                    let owners: Vec<_> =
+                        memory.iter().filter(|m| m.0 == span.0 && m.1 < span.2 && span.1 < m.2).map(|m| m.3).collect();
                     assert_eq!(owners, [*id], "{name}: {} reads {}", dispatch.name, plan.buffer(*id).name);
                 }
             }

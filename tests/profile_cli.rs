@@ -68,6 +68,51 @@ fn a_network_in_every_form() {
 }
 
 #[test]
+fn convolutions_and_blocks_of_every_form() {
+    let common = ["--repeat", "2", "--json"];
+    let dir = tempfile::tempdir().unwrap();
+    let plot = dir.path().join("conv.svg").display().to_string();
+    let report = json(&run(&[&["conv", "--size", "64", "--channels", "16", "--plot", &plot][..], &common].concat()));
+    let kernels = report["kernels"].as_array().unwrap();
+    let named = |row: &Value, key: &str| row[key].as_str().unwrap().to_owned();
+    let found: Vec<_> = kernels.iter().map(|row| (named(row, "stage"), named(row, "kernel"))).collect();
+    let expected = [
+        ("direct", "conv3x3"),
+        ("F(2x2,3x3)", "winograd3x3"),
+        ("F(4x4,3x3)", "winograd3x3"),
+        ("two kernels", "depthwise3x3"),
+        ("two kernels", "linear"),
+        ("fused", "separable3x3"),
+    ];
+    assert_eq!(found, expected.map(|(form, kernel)| (form.to_owned(), kernel.to_owned())));
+    // 64x64 tokens of 16 channels: 9 and 1 products for each pair of channels, 9 for each channel.
+    let tokens = 64.0 * 64.0;
+    let (standard, depthwise, pointwise) = (2.0 * 9.0 * 256.0 * tokens, 2.0 * 9.0 * 16.0 * tokens, 2.0 * 256.0 * tokens);
+    let flops = [standard, standard, standard, depthwise, pointwise, depthwise + pointwise];
+    for (row, flops) in kernels.iter().zip(flops) {
+        assert!((number(row, "/gflop") * 1e9 - flops).abs() < 0.5, "{row}");
+        // No kernel can do with fewer loads than inputs, in vectors of four, and each stores its outputs once.
+        assert!(number(row, "/global_accesses") * 1e6 >= 2.0 * tokens * 4.0, "{row}");
+        assert_eq!(number(row, "/shared_accesses"), 0.0);
+    }
+    // What the fused kernel saves: the map between, written and read.
+    let moved = |form: &str| -> f64 {
+        let rows = kernels.iter().filter(|row| row["stage"] == form);
+        rows.map(|row| number(row, "/mb_read") + number(row, "/mb_written")).sum()
+    };
+    assert!((moved("two kernels") - moved("fused") - 2.0 * tokens * 64e-6).abs() < 1e-6);
+    assert!(std::fs::read_to_string(&plot).unwrap().contains("F(4x4,3x3)"));
+
+    let report = json(&run(&[&["blocks", "--sizes", "32,48", "--channels", "32"][..], &common].concat()));
+    let blocks = report["blocks"].as_array().unwrap();
+    assert_eq!(blocks.len(), 2);
+    for block in blocks {
+        let measured = block["measured"].as_array().unwrap();
+        assert!(measured.len() == 3 && measured.iter().all(|m| number(m, "/ms/min") > 0.0), "{block}");
+    }
+}
+
+#[test]
 fn nonsense_is_refused() {
     for arguments in [&["network", "--arch", "unet"][..], &["network", "--size", "0x5"], &["roof", "--repeat", "0"]] {
         let output = Command::new(env!("CARGO_BIN_EXE_vkdenoise-profile")).args(arguments).output().unwrap();

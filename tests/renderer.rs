@@ -188,8 +188,7 @@ fn half_planes_in_buffers() {
         format: SampleFormat::F16,
         layout: rgba,
     };
-    let frame =
-        BufferFrame { color: plane(&input), albedo: None, normal: None, depth: None, output: plane(&output) };
+    let frame = BufferFrame { color: plane(&input), albedo: None, normal: None, depth: None, output: plane(&output) };
     // SAFETY: the buffers live to the end of the test.
     let binding = unsafe { pass.bind_buffers(&frame) };
     if !renderer.storage16 {
@@ -206,7 +205,8 @@ fn half_planes_in_buffers() {
     let rgb = Layout::interleaved(EXTENT, 3);
     let host = Frame { extent: EXTENT, color: Plane::f32(&picture.color, rgb), features: Features::default() };
     let mut expected = vec![0.0; picture.color.len()];
-    let mut on_host = Denoiser::new(common::device::device(), &Weights::hybrid().unwrap(), &Options::default()).unwrap();
+    let mut on_host =
+        Denoiser::new(common::device::device(), &Weights::hybrid().unwrap(), &Options::default()).unwrap();
     on_host.denoise(&host, PlaneMut::f32(&mut expected, rgb)).unwrap();
     let bytes = output.read();
     let found: Vec<f16> = bytemuck::cast_slice(&bytes).to_vec();
@@ -251,13 +251,7 @@ fn what_does_not_fit_is_refused_before_recording() {
     });
 
     let image = RendererImage::new(&renderer, EXTENT, ImageFormat::R32F, &vec![0.0; EXTENT.pixels() as usize], 1);
-    let images = ImageFrame {
-        color: image.plane(),
-        albedo: None,
-        normal: None,
-        depth: None,
-        output: image.plane(),
-    };
+    let images = ImageFrame { color: image.plane(), albedo: None, normal: None, depth: None, output: image.plane() };
     // SAFETY: the image lives to the end of the test.
     let bound = unsafe { pass.bind_images(&images) };
     assert!(matches!(bound, Err(Error::Binding(message)) if message.contains("R32F")));

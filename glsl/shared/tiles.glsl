@@ -1,15 +1,17 @@
 // Work is cut into tiles of 8x8 tokens, the attention window: one size for every kernel of a resolution, so that one
-// list of active tiles serves them all. Entry: x | y << 16, in tiles.
+// list of active tiles serves them all. Entry: x | y << 16, in tiles. Without a list the tiles are those of a rectangle: its
+// first one is coded like an entry, its columns are the upper half of the flags.
 layout(buffer_reference, std430, buffer_reference_align = 4) readonly buffer TileList { uint v[]; };
 
 const uint FLAG_TILE_LIST = 1u;
 
-uvec2 tile_position(uint slot, uint tiles_x, uint flags, TileList list) {
+uvec2 tile_position(uint slot, uint first, uint flags, TileList list) {
     if ((flags & FLAG_TILE_LIST) != 0u) {
         uint packed_tile = list.v[slot];
         return uvec2(packed_tile & 0xffffu, packed_tile >> 16);
     }
-    return uvec2(slot % tiles_x, slot / tiles_x);
+    uint columns = flags >> 16;
+    return uvec2(first & 0xffffu, first >> 16) + uvec2(slot % columns, slot / columns);
 }
 
 // Vulkan guarantees 65535 groups in x only; the rest goes to z.

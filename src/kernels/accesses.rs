@@ -87,7 +87,7 @@ impl Block {
     /// Loads of the weights of four input channels: all of them, or an eighth where the lanes hand them round.
     fn weight_loads(&self, contract: &Contract) -> u64 {
         let vectors = 4 * self.vectors;
-        if contract.has("WEIGHTS_BROADCAST") { vectors.div_ceil(8) } else { vectors }
+        if contract.has("WEIGHTS_SHARED") { vectors.div_ceil(8) } else { vectors }
     }
 
     /// Invocations for `tiles` of 8x8 tokens and `channels`.
@@ -105,8 +105,9 @@ fn epilogue_loads(film: bool, residual: bool) -> u64 {
 fn conv3x3(call: &Conv3x3, contract: &Contract) -> Accesses {
     let (block, stride) = (Block::of(contract), u64::from(call.stride));
     let (width, height) = call.result_size();
-    let patch_row = (block.x - 1) * stride + 3;
-    let per_four_inputs = 3 * (block.y * patch_row + 3 * block.weight_loads(contract));
+    // A row of taps shares what it loads, or every tap loads its own.
+    let row = if contract.has("TAP_BY_TAP") { 3 * block.x } else { (block.x - 1) * stride + 3 };
+    let per_four_inputs = 3 * (block.y * row + 3 * block.weight_loads(contract));
     let loads = block.vectors
         + u64::from(call.src.channels / 4) * per_four_inputs
         + block.outputs() * epilogue_loads(call.film.is_some(), call.residual.is_some());
@@ -120,7 +121,7 @@ fn winograd3x3(call: &Winograd3x3, contract: &Contract) -> Accesses {
     let (outputs, inputs) = (u64::from(call.tile.outputs()), u64::from(call.tile.inputs()));
     let block = Block { x: outputs * tiles, y: outputs, vectors };
     let conv = &call.conv;
-    let weights = 4 * inputs * inputs / if contract.has("WEIGHTS_BROADCAST") { 8 } else { 1 };
+    let weights = 4 * inputs * inputs / if contract.has("WEIGHTS_SHARED") { 8 } else { 1 };
     let per_four_inputs = inputs * (outputs * tiles + 2) + vectors * weights;
     let loads = vectors
         + u64::from(conv.src.channels / 4) * per_four_inputs

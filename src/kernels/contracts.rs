@@ -12,7 +12,7 @@ push_constants! {
         src: Address, dst: Address, weights: Address, film: Address, residual: Address, tiles: Address,
         src_width: U32, src_height: U32, src_stride: U32, src_channels: U32,
         dst_width: U32, dst_stride: U32, dst_channels: U32, residual_stride: U32,
-        bias_vectors: U32, tiles_x: U32, tile_count: U32, flags: U32,
+        bias_vectors: U32, first_tile: U32, tile_count: U32, flags: U32,
     }
 }
 
@@ -22,7 +22,7 @@ push_constants! {
         src: Address, src_b: Address, dst: Address, weights: Address, film: Address, residual: Address, tiles: Address,
         src_stride: U32, src_channels: U32, src_b_stride: U32, src_b_channels: U32,
         width: U32, dst_stride: U32, dst_channels: U32, residual_stride: U32,
-        bias_vectors: U32, tiles_x: U32, tile_count: U32, flags: U32,
+        bias_vectors: U32, first_tile: U32, tile_count: U32, flags: U32,
     }
 }
 
@@ -31,7 +31,7 @@ push_constants! {
     Depthwise3x3Push {
         src: Address, dst: Address, weights: Address, tiles: Address,
         width: U32, height: U32, src_stride: U32, dst_stride: U32, channels: U32,
-        tiles_x: U32, tile_count: U32, flags: U32,
+        first_tile: U32, tile_count: U32, flags: U32,
     }
 }
 
@@ -41,7 +41,7 @@ push_constants! {
         src: Address, dst: Address, weights: Address, film: Address, residual: Address, depthwise: Address, tiles: Address,
         width: U32, height: U32, src_stride: U32, src_channels: U32,
         dst_stride: U32, dst_channels: U32, residual_stride: U32, bias_vectors: U32,
-        tiles_x: U32, tile_count: U32, flags: U32, inner_flags: U32,
+        first_tile: U32, tile_count: U32, flags: U32, inner_flags: U32,
     }
 }
 
@@ -50,7 +50,7 @@ push_constants! {
     LayerNormPush {
         src: Address, dst: Address, weights: Address, tiles: Address,
         width: U32, src_stride: U32, dst_stride: U32, channels: U32,
-        tiles_x: U32, tile_count: U32, flags: U32, unused: U32,
+        first_tile: U32, tile_count: U32, flags: U32, unused: U32,
     }
 }
 
@@ -60,7 +60,7 @@ push_constants! {
         x: Address, f: Address, bias: Address, dst: Address, tiles: Address,
         width: U32, x_stride: U32, f_stride: U32, dst_stride: U32,
         heads: U32, key_vectors: U32, value_vectors: U32, scale: F32,
-        tiles_x: U32, tile_count: U32, flags: U32, unused: U32,
+        first_tile: U32, tile_count: U32, flags: U32, unused: U32,
     }
 }
 
@@ -120,7 +120,7 @@ push_constants! {
     InputColorPush {
         color: Address, stats: Address, dst: Address, tiles: Address,
         color_offset: U32, color_pixel: U32, color_row: U32, color_channel: U32,
-        width: U32, height: U32, dst_width: U32, tiles_x: U32, tile_count: U32, flags: U32,
+        width: U32, height: U32, dst_width: U32, first_tile: U32, tile_count: U32, flags: U32,
     }
 }
 
@@ -140,8 +140,8 @@ push_constants! {
     OutputPush {
         residual: Address, log_color: Address, stats: Address, dst: Address, tiles: Address,
         dst_offset: U32, dst_pixel: U32, dst_row: U32, dst_channel: U32,
-        width: U32, height: U32, src_width: U32, residual_stride: U32,
-        tiles_x: U32, tile_count: U32, flags: U32, blend: F32,
+        left: U32, top: U32, right: U32, bottom: U32, src_width: U32, residual_stride: U32,
+        first_tile: U32, tile_count: U32, flags: U32, blend: F32,
     }
 }
 
@@ -238,17 +238,17 @@ contracts! {
     WINOGRAD3X3_F2 = "winograd3x3_f2" "winograd3x3.comp" Conv3x3Push { "OUT": "2", "TX": "1", "NV": "2" } &[], &[];
     /// The same for CPU drivers.
     WINOGRAD3X3_F2_CPU = "winograd3x3_f2_cpu" "winograd3x3.comp" Conv3x3Push
-        { "OUT": "2", "TX": "2", "NV": "4", "WEIGHTS_BROADCAST": "1", "TEXELS": "1" } CONV_TEXELS, CPU;
+        { "OUT": "2", "TX": "2", "NV": "2", "WEIGHTS_SHARED": "1", "TEXELS": "1" } CONV_TEXELS, CPU;
     /// Convolution by F(4x4, 3x3).
     WINOGRAD3X3_F4 = "winograd3x3_f4" "winograd3x3.comp" Conv3x3Push { "OUT": "4", "TX": "1", "NV": "1" } &[], &[];
     /// The same for CPU drivers.
     WINOGRAD3X3_F4_CPU = "winograd3x3_f4_cpu" "winograd3x3.comp" Conv3x3Push
-        { "OUT": "4", "TX": "1", "NV": "4", "WEIGHTS_BROADCAST": "1", "TEXELS": "1" } CONV_TEXELS, CPU;
+        { "OUT": "4", "TX": "1", "NV": "2", "WEIGHTS_SHARED": "1", "TEXELS": "1" } CONV_TEXELS, CPU;
     /// Depthwise and pointwise convolution in one, tiles of 32 channels.
     SEPARABLE3X3 = "separable3x3" "separable3x3.comp" Separable3x3Push { "TX": "2", "TY": "2", "NV": "8" } &[], &[];
     /// The same for CPU drivers.
     SEPARABLE3X3_CPU = "separable3x3_cpu" "separable3x3.comp" Separable3x3Push
-        { "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_BROADCAST": "1", "TEXELS": "1" } SEPARABLE_TEXELS, CPU;
+        { "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_SHARED": "1", "TEXELS": "1" } SEPARABLE_TEXELS, CPU;
     /// Pointwise convolution, tiles of 32 channels.
     LINEAR = "linear" "linear.comp" LinearPush { "TX": "2", "TY": "2", "NV": "8" } &[], &[];
     /// The same for CPU drivers.

@@ -3,8 +3,8 @@
 use super::contract::Contract;
 use super::contracts::{self, Conv3x3Push, LinearPush};
 use super::{
-    Activation, Addresses, BufferId, Kernel, PushBytes, Shuffle, TexelRange, Tiles, Traffic, Variants, View, activation_flag, flags,
-    groups,
+    Activation, Addresses, BufferId, Kernel, PushBytes, Shuffle, TexelRange, Tiles, Traffic, Variants, View,
+    activation_flag, flags, groups,
 };
 
 /// Output channels of one workgroup, and what the packer pads the weights to.
@@ -112,9 +112,11 @@ impl Conv3x3 {
             dst_channels: self.channels / 4,
             residual_stride: self.residual.map_or(0, |r| r.stride / 4),
             bias_vectors,
-            tiles_x: width / super::TILE,
+            first_tile: self.tiles.first(),
             tile_count: self.tiles.count(width, height),
-            flags: shuffle | epilogue_flags(self.activation, self.film, self.residual.as_ref(), &self.tiles),
+            flags: shuffle
+                | self.tiles.flags(width)
+                | epilogue_flags(self.activation, self.film, self.residual.as_ref()),
         })
     }
 
@@ -150,7 +152,7 @@ pub struct Linear {
 
 impl Linear {
     pub(super) fn flags(&self) -> u32 {
-        epilogue_flags(self.activation, self.film, self.residual.as_ref(), &self.tiles)
+        self.tiles.flags(self.dst.width) | epilogue_flags(self.activation, self.film, self.residual.as_ref())
     }
 
     fn inputs(&self) -> u32 {
@@ -186,7 +188,7 @@ impl Kernel for Linear {
             dst_channels: self.dst.channels / 4,
             residual_stride: self.residual.map_or(0, |r| r.stride / 4),
             bias_vectors: self.dst.channels.next_multiple_of(TILE_CHANNELS) / 4,
-            tiles_x: self.dst.width / super::TILE,
+            first_tile: self.tiles.first(),
             tile_count: self.tiles.count(self.dst.width, self.dst.height),
             flags: self.flags(),
         })
@@ -208,11 +210,8 @@ impl Kernel for Linear {
     }
 }
 
-fn epilogue_flags(activation: Activation, film: Option<BufferId>, residual: Option<&View>, tiles: &Tiles) -> u32 {
-    activation_flag(activation)
-        | tiles.flag()
-        | film.map_or(0, |_| flags::FILM)
-        | residual.map_or(0, |_| flags::RESIDUAL)
+fn epilogue_flags(activation: Activation, film: Option<BufferId>, residual: Option<&View>) -> u32 {
+    activation_flag(activation) | film.map_or(0, |_| flags::FILM) | residual.map_or(0, |_| flags::RESIDUAL)
 }
 
 /// A descriptor must be valid although its buffer is never read: the source stands in for what is missing.

@@ -2,7 +2,8 @@
 
 use super::contract::Contract;
 use super::contracts::{self, InputAuxPush, InputColorPush, OutputPush};
-use super::{Addresses, BufferId, Kernel, PlaneArgs, PushBytes, TILE, Tiles, Traffic, Variants, View, flags, groups};
+use super::{Addresses, BufferId, Kernel, PlaneArgs, PushBytes, Tiles, Traffic, Variants, View, flags, groups};
+use crate::frame::Region;
 
 pub(super) fn color_flags(plane: &PlaneArgs) -> u32 {
     plane_flags(plane, flags::COLOR, flags::COLOR_HALF)
@@ -53,9 +54,9 @@ impl Kernel for InputColor {
             width: self.width,
             height: self.height,
             dst_width: self.dst.width,
-            tiles_x: self.dst.width / TILE,
+            first_tile: self.tiles.first(),
             tile_count: self.tiles.count(self.dst.width, self.dst.height),
-            flags: color_flags(&at.frame.color) | self.tiles.flag(),
+            flags: color_flags(&at.frame.color) | self.tiles.flags(self.dst.width),
         })
     }
 
@@ -92,7 +93,7 @@ impl Kernel for InputAux {
         let planes = plane_flags(&at.frame.albedo, flags::ALBEDO, flags::ALBEDO_HALF)
             | plane_flags(&at.frame.normal, flags::NORMAL, flags::NORMAL_HALF)
             | depth_flags(&at.frame.depth)
-            | self.tiles.flag();
+            | self.tiles.flags(self.dst.width);
         PushBytes::new(&InputAuxPush {
             albedo: at.frame.albedo.address,
             normal: at.frame.normal.address,
@@ -139,6 +140,8 @@ pub struct Output {
     pub height: u32,
     /// Tiles of the frame.
     pub tiles: Tiles,
+    /// The pixels to write.
+    pub region: Region,
 }
 
 impl Kernel for Output {
@@ -166,13 +169,15 @@ impl Kernel for Output {
             dst_pixel: at.frame.output.pixel,
             dst_row: at.frame.output.row,
             dst_channel: at.frame.output.channel,
-            width: self.width,
-            height: self.height,
+            left: self.region.x,
+            top: self.region.y,
+            right: self.region.right(),
+            bottom: self.region.bottom(),
             src_width: self.residual.width,
             residual_stride: self.residual.stride / 4,
-            tiles_x: self.width.div_ceil(TILE),
+            first_tile: self.tiles.first(),
             tile_count: self.tiles.count(self.width, self.height),
-            flags: self.tiles.flag(),
+            flags: self.tiles.flags(self.width),
             blend: at.frame.blend,
         })
     }

@@ -2,7 +2,10 @@
 
 use super::contract::Contract;
 use super::contracts::{self, Depthwise3x3Push, LayerNormPush};
-use super::{Activation, Addresses, BufferId, Kernel, PushBytes, TILE, TexelRange, Tiles, Traffic, Variants, View, activation_flag, groups};
+use super::{
+    Activation, Addresses, BufferId, Kernel, PushBytes, TexelRange, Tiles, Traffic, Variants, View, activation_flag,
+    groups,
+};
 
 /// Channels of one workgroup of the depthwise kernel.
 const DEPTHWISE_CHANNELS: u32 = 32;
@@ -42,9 +45,9 @@ impl Kernel for Depthwise3x3 {
             src_stride: self.src.stride / 4,
             dst_stride: self.dst.stride / 4,
             channels: self.dst.channels / 4,
-            tiles_x: self.dst.width / TILE,
+            first_tile: self.tiles.first(),
             tile_count: self.tiles.count(self.dst.width, self.dst.height),
-            flags: activation_flag(self.activation) | self.tiles.flag(),
+            flags: activation_flag(self.activation) | self.tiles.flags(self.dst.width),
         })
     }
 
@@ -89,9 +92,9 @@ impl Kernel for LayerNorm {
             src_stride: self.src.stride / 4,
             dst_stride: self.dst.stride / 4,
             channels: self.dst.channels / 4,
-            tiles_x: self.dst.width / TILE,
+            first_tile: self.tiles.first(),
             tile_count: self.tiles.count(self.dst.width, self.dst.height),
-            flags: self.tiles.flag(),
+            flags: self.tiles.flags(self.dst.width),
             unused: 0,
         })
     }
@@ -106,5 +109,8 @@ impl Kernel for LayerNorm {
 }
 
 fn map_traffic(src: &View, dst: &View, weights: (BufferId, u64), element: u64) -> Traffic {
-    Traffic { reads: vec![(src.buffer, src.elements() * element), weights], writes: vec![(dst.buffer, dst.elements() * element)] }
+    Traffic {
+        reads: vec![(src.buffer, src.elements() * element), weights],
+        writes: vec![(dst.buffer, dst.elements() * element)],
+    }
 }

@@ -62,11 +62,37 @@ impl View {
     }
 }
 
+/// A rectangle of tiles, ends excluded. Nothing where `right <= left` or `bottom <= top`.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct TileRect {
+    /// First column.
+    pub left: u32,
+    /// First row.
+    pub top: u32,
+    /// Column after the last.
+    pub right: u32,
+    /// Row after the last.
+    pub bottom: u32,
+}
+
+impl TileRect {
+    /// Tiles in it.
+    pub fn count(&self) -> u32 {
+        self.columns() * self.bottom.saturating_sub(self.top)
+    }
+
+    fn columns(&self) -> u32 {
+        self.right.saturating_sub(self.left)
+    }
+}
+
 /// The tiles that a dispatch works on.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Tiles {
     /// Every tile of the map, row by row.
     All,
+    /// Those of a rectangle, row by row.
+    Rect(TileRect),
     /// The `count` tiles that the buffer lists, as `x | y << 16` in tiles, each at most once.
     List {
         /// Where the list lies.
@@ -139,7 +165,7 @@ impl Addresses<'_> {
 
     fn tiles(&self, tiles: &Tiles) -> u64 {
         match tiles {
-            Tiles::All => 0,
+            Tiles::All | Tiles::Rect(_) => 0,
             Tiles::List { buffer, .. } => self.of(*buffer),
         }
     }
@@ -264,6 +290,28 @@ pub enum Call {
 }
 
 impl Call {
+    /// The tiles that it works on, and the map in which they lie, in tokens; `None` for kernels without tiles.
+    pub fn tiles(&self) -> Option<(Tiles, u32, u32)> {
+        let of = |tiles: &Tiles, map: &View| Some((*tiles, map.width, map.height));
+        let conv = |conv: &dense::Conv3x3| {
+            let (width, height) = conv.result_size();
+            Some((conv.tiles, width, height))
+        };
+        match self {
+            Self::Conv3x3(k) => conv(k),
+            Self::Winograd3x3(k) => conv(&k.conv),
+            Self::Separable3x3(k) => of(&k.pointwise.tiles, &k.pointwise.dst),
+            Self::Linear(k) => of(&k.tiles, &k.dst),
+            Self::Depthwise3x3(k) => of(&k.tiles, &k.dst),
+            Self::LayerNorm(k) => of(&k.tiles, &k.dst),
+            Self::WindowAttention(k) => of(&k.tiles, &k.dst),
+            Self::InputColor(k) => of(&k.tiles, &k.dst),
+            Self::InputAux(k) => of(&k.tiles, &k.dst),
+            Self::Output(k) => Some((k.tiles, k.width, k.height)),
+            _ => None,
+        }
+    }
+
     /// The call as a kernel.
     pub fn kernel(&self) -> &dyn Kernel {
         match self {
@@ -316,14 +364,28 @@ fn activation_flag(activation: Activation) -> u32 {
 }
 
 impl Tiles {
-    fn flag(&self) -> u32 {
-        if matches!(self, Self::All) { 0 } else { flags::TILE_LIST }
+    /// Flag bits and, in the upper half, the columns of the rectangle; `width` is the map's, in tokens.
+    fn flags(&self, width: u32) -> u32 {
+        match self {
+            Self::All => width.div_ceil(TILE) << 16,
+            Self::Rect(rect) => rect.columns() << 16,
+            Self::List { .. } => flags::TILE_LIST,
+        }
+    }
+
+    /// The first tile, as `x | y << 16`.
+    fn first(&self) -> u32 {
+        match self {
+            Self::Rect(rect) => rect.left | rect.top << 16,
+            _ => 0,
+        }
     }
 
     /// Tiles to work on in a map of `width` x `height` tokens.
     pub fn count(&self, width: u32, height: u32) -> u32 {
         match self {
             Self::All => width.div_ceil(TILE) * height.div_ceil(TILE),
+            Self::Rect(rect) => rect.count(),
             Self::List { count, .. } => *count,
         }
     }

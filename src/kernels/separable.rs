@@ -4,7 +4,7 @@ use super::contract::Contract;
 use super::contracts::{self, Separable3x3Push};
 use super::dense::{Linear, TILE_CHANNELS, dense_texels};
 use super::maps::Depthwise3x3;
-use super::{Addresses, Kernel, PushBytes, TILE, TexelRange, Traffic, Variants, activation_flag};
+use super::{Addresses, Kernel, PushBytes, TexelRange, Traffic, Variants, activation_flag};
 
 /// `pointwise(depthwise(src))`: the depthwise result is not stored, so neither its target nor the source of the pointwise
 /// one is touched.
@@ -43,7 +43,7 @@ impl Kernel for Separable3x3 {
             dst_channels: pointwise.dst.channels / 4,
             residual_stride: pointwise.residual.map_or(0, |r| r.stride / 4),
             bias_vectors: pointwise.dst.channels.next_multiple_of(TILE_CHANNELS) / 4,
-            tiles_x: src.width / TILE,
+            first_tile: pointwise.tiles.first(),
             tile_count: pointwise.tiles.count(src.width, src.height),
             flags: pointwise.flags(),
             inner_flags: activation_flag(self.depthwise.activation),

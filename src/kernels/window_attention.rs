@@ -2,7 +2,7 @@
 
 use super::contract::Contract;
 use super::contracts::{self, WindowAttentionPush};
-use super::{Addresses, BufferId, Kernel, PushBytes, TILE, TexelRange, Tiles, Traffic, Variants, View, groups};
+use super::{Addresses, BufferId, Kernel, PushBytes, TexelRange, Tiles, Traffic, Variants, View, groups};
 
 /// Head by head: `softmax((Q K^T / sqrt(d) + B) * (Qf Kf^T / sqrt(d) + B)) V`, the product element by element.
 #[derive(Clone, Debug, PartialEq)]
@@ -49,9 +49,9 @@ impl Kernel for WindowAttention {
             key_vectors: self.key_width / 4,
             value_vectors: self.value_width / 4,
             scale: 1.0 / (self.key_width as f32).sqrt(),
-            tiles_x: self.dst.width / TILE,
+            first_tile: self.tiles.first(),
             tile_count: self.tiles.count(self.dst.width, self.dst.height),
-            flags: self.tiles.flag(),
+            flags: self.tiles.flags(self.dst.width),
             unused: 0,
         })
     }

@@ -1,10 +1,35 @@
-//! Which of several lowerings an operation takes.
+//! What a plan may choose: memory, and which of several lowerings an operation takes.
 
 use super::pack::Pack;
 use crate::kernels::Call;
 use crate::kernels::separable::Separable3x3;
 use crate::kernels::winograd::WinogradTile;
 use crate::net::graph::{Graph, OpKind, Shuffle};
+
+/// What a plan may choose.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct PlanOptions {
+    /// Largest block of the arena in bytes.
+    pub max_block_bytes: u64,
+    /// Gives every buffer a place of its own, so that all can be looked at after a run.
+    pub keep_all: bool,
+    /// How dense 3x3 convolutions are computed.
+    pub conv: ConvAlgorithm,
+    /// How depthwise and pointwise convolutions that belong together are.
+    pub separable: SeparableForm,
+}
+
+impl Default for PlanOptions {
+    /// No limit on memory, buffers share it; direct convolutions, two kernels.
+    fn default() -> Self {
+        Self {
+            max_block_bytes: u64::MAX,
+            keep_all: false,
+            conv: ConvAlgorithm::default(),
+            separable: SeparableForm::default(),
+        }
+    }
+}
 
 /// How dense 3x3 convolutions of stride 1 to more than four channels are computed. Others are direct.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]

@@ -1,11 +1,11 @@
 //! From graph and size to dispatches.
 
 use super::arena::{self, Request};
+use super::choices::{PlanOptions, SeparableForm, conv_pack, fuse, is_separable};
 use super::pack::{Pack, linear_outputs};
-use super::choices::{ConvAlgorithm, SeparableForm, conv_pack, fuse, is_separable};
 use super::{Buffer, Dispatch, ELEMENT_BYTES, Place, Plan, hazards};
 use crate::error::{Error, Result};
-use crate::frame::Extent;
+use crate::frame::{Extent, Region};
 use crate::kernels::winograd::Winograd3x3;
 use crate::kernels::{BufferId, Call, Tiles, View, dense, film, frame_io, maps, stats, window_attention};
 use crate::net::cost::op_flops;
@@ -14,31 +14,6 @@ use std::collections::HashMap;
 
 /// Pixels on a side that coordinates of tiles (16 bits) and strides (32 bits) hold with room to spare.
 const MAX_SIDE: u32 = 1 << 18;
-
-/// What a plan may choose.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct PlanOptions {
-    /// Largest block of the arena in bytes.
-    pub max_block_bytes: u64,
-    /// Gives every buffer a place of its own, so that all can be looked at after a run.
-    pub keep_all: bool,
-    /// How dense 3x3 convolutions are computed.
-    pub conv: ConvAlgorithm,
-    /// How depthwise and pointwise convolutions that belong together are.
-    pub separable: SeparableForm,
-}
-
-impl Default for PlanOptions {
-    /// No limit on memory, buffers share it; direct convolutions, two kernels.
-    fn default() -> Self {
-        Self {
-            max_block_bytes: u64::MAX,
-            keep_all: false,
-            conv: ConvAlgorithm::default(),
-            separable: SeparableForm::default(),
-        }
-    }
-}
 
 /// Plans one forward pass over a frame of `extent`.
 ///
@@ -218,6 +193,7 @@ impl<'a> Lowering<'a> {
             width: self.extent.width,
             height: self.extent.height,
             tiles: Tiles::All,
+            region: Region::all(self.extent),
         };
         self.push("output", Stage::Output, 0, Call::Output(output));
     }
@@ -340,8 +316,7 @@ impl<'a> Lowering<'a> {
             OpKind::FilmVector { input, weight, output } => {
                 let inputs = self.graph.whole(*input).channels;
                 let outputs = self.graph.whole(*output).channels;
-                let weights =
-                    self.pack(weight, Pack::FilmVector { weight: weight.clone(), inputs, outputs });
+                let weights = self.pack(weight, Pack::FilmVector { weight: weight.clone(), inputs, outputs });
                 let dst = self.value(*output);
                 let partials = &self.partials[input];
                 Call::FilmVector(film::FilmVector {

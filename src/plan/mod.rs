@@ -6,6 +6,7 @@ mod choices;
 mod hazards;
 mod lower;
 pub mod pack;
+mod region;
 mod winograd;
 
 use crate::frame::Extent;
@@ -13,8 +14,8 @@ use crate::kernels::{BufferId, Call, Traffic, View};
 use crate::net::graph::Stage;
 use pack::Pack;
 
-pub use choices::{ConvAlgorithm, SeparableForm};
-pub use lower::{PlanOptions, plan, plan_part};
+pub use choices::{ConvAlgorithm, PlanOptions, SeparableForm};
+pub use lower::{plan, plan_part};
 
 /// Where a buffer of the plan lies.
 #[derive(Clone, Debug, PartialEq)]

@@ -120,9 +120,11 @@ impl Pack {
                 // Position among the outputs -> the tensor's row.
                 let row = |n: usize| if *shuffle { n % (outputs / 4) * 4 + n / (outputs / 4) } else { n };
                 let dense = Dense { inputs, outputs, taps: 9, tile };
-                dense.write(out, |n| biases.map_or(0.0, |b| b[row(n)]), |n, k, tap| {
-                    source[(row(n) * inputs + k) * 9 + tap]
-                });
+                dense.write(
+                    out,
+                    |n| biases.map_or(0.0, |b| b[row(n)]),
+                    |n, k, tap| source[(row(n) * inputs + k) * 9 + tap],
+                );
             }
             Self::Winograd3x3 { weight, bias, inputs, outputs, shuffle, tile } => {
                 let source = tensor(weight, "weight")?;

@@ -39,14 +39,21 @@ use crate::kernels::Variants;
 use crate::pass::Pass;
 use crate::plan::Dispatch;
 use crate::vk::timestamps::Timestamps;
-use std::sync::{Mutex, PoisonError};
+use std::sync::{Arc, Mutex, PoisonError};
 
 /// Timestamps around the dispatches of a pass, in slots. `Send` and `Sync`; it must outlive the recorded commands.
 pub struct Profiler {
     timestamps: Timestamps,
-    dispatches: Vec<Dispatch>,
-    /// By slot: the variants that were recorded last.
-    recorded: Mutex<Vec<Option<Variants>>>,
+    /// Of the pass.
+    dispatches: usize,
+    /// By slot: what was recorded last.
+    recorded: Mutex<Vec<Option<Recorded>>>,
+}
+
+#[derive(Clone)]
+struct Recorded {
+    dispatches: Arc<[Dispatch]>,
+    variants: Variants,
 }
 
 impl Profiler {
@@ -56,8 +63,8 @@ impl Profiler {
     /// [`Error::Unsupported`] where the queue has no timestamps ([`crate::Device::has_timestamps`]);
     /// [`Error::InvalidOption`]; [`Error::Vulkan`].
     pub fn new(pass: &Pass, slots: u32) -> Result<Self> {
-        let dispatches = pass.plan().dispatches.clone();
-        let count = slots.checked_mul(2 * dispatches.len() as u32).filter(|&count| count > 0);
+        let dispatches = pass.plan().dispatches.len();
+        let count = slots.checked_mul(2 * dispatches as u32).filter(|&count| count > 0);
         let count = count.ok_or_else(|| Error::InvalidOption {
             option: "slots",
             reason: format!("{slots}; at least 1, and their timestamps must be countable in 32 bits"),
@@ -74,7 +81,7 @@ impl Profiler {
     /// # Errors
     /// [`Error::InvalidOption`] where there is no such slot; [`Error::DeviceLost`], [`Error::Vulkan`].
     pub fn read(&self, slot: u32) -> Result<Option<Vec<KernelRecord>>> {
-        let Some(variants) = self.slots(|slots| slots.get(slot as usize).copied()).ok_or_else(|| self.no_slot(slot))?
+        let Some(recorded) = self.slots(|slots| slots.get(slot as usize).cloned()).ok_or_else(|| self.no_slot(slot))?
         else {
             return Ok(None);
         };
@@ -82,26 +89,29 @@ impl Profiler {
         // it.
         let times = unsafe { self.timestamps.read(self.first(slot), self.count()) }?;
         Ok(times.map(|times| {
-            let dispatches = self.dispatches.iter().zip(times.chunks_exact(2));
-            dispatches.map(|(dispatch, time)| KernelRecord::new(dispatch, variants, time[0], time[1])).collect()
+            let dispatches = recorded.dispatches.iter().zip(times.chunks_exact(2));
+            dispatches
+                .map(|(dispatch, time)| KernelRecord::new(dispatch, recorded.variants, time[0], time[1]))
+                .collect()
         }))
     }
 
     /// The timestamps of a slot, to be recorded with kernels of these variants.
     pub(crate) fn begin(&self, slot: u32, dispatches: &[Dispatch], variants: Variants) -> Result<(&Timestamps, u32)> {
-        if dispatches.len() != self.dispatches.len() {
+        if dispatches.len() != self.dispatches {
             return Err(Error::Binding("the profiler was made for another pass".into()));
         }
-        let known = self.slots(|slots| slots.get_mut(slot as usize).map(|slot| *slot = Some(variants)).is_some());
+        let recorded = Recorded { dispatches: dispatches.into(), variants };
+        let known = self.slots(|slots| slots.get_mut(slot as usize).map(|slot| *slot = Some(recorded)).is_some());
         if known { Ok((&self.timestamps, self.first(slot))) } else { Err(self.no_slot(slot)) }
     }
 
-    fn slots<T>(&self, with: impl FnOnce(&mut Vec<Option<Variants>>) -> T) -> T {
+    fn slots<T>(&self, with: impl FnOnce(&mut Vec<Option<Recorded>>) -> T) -> T {
         with(&mut self.recorded.lock().unwrap_or_else(PoisonError::into_inner))
     }
 
     fn count(&self) -> u32 {
-        2 * self.dispatches.len() as u32
+        2 * self.dispatches as u32
     }
 
     fn first(&self, slot: u32) -> u32 {

@@ -144,6 +144,9 @@ pub fn output(reference: &mut Reference, call: &Output) {
     let mut out = std::mem::take(&mut reference.output);
     out.resize(3 * width * height, f64::NAN);
     for (x, y) in tiles::tokens(&reference.tiles(&call.tiles, call.width, call.height), width, height) {
+        if !call.region.contains(x as u32, y as u32) {
+            continue;
+        }
         for channel in 0..3 {
             let (c, r) = (log_color.token(x, y)[channel], residual.token(x, y)[channel]);
             let denoised = clamp((c + r).exp_m1() / exposure, end);

@@ -25,6 +25,11 @@ impl Reference<'_> {
     pub(super) fn tiles(&self, tiles: &Tiles, width: u32, height: u32) -> Vec<Tile> {
         match *tiles {
             Tiles::All => all(width, height),
+            Tiles::Rect(rect) => {
+                let (rows, columns) =
+                    (rect.top as usize..rect.bottom as usize, rect.left as usize..rect.right as usize);
+                rows.flat_map(|y| columns.clone().map(move |x| (x, y))).collect()
+            }
             Tiles::List { buffer, count } => {
                 let entries = self.buffer(buffer)[..count as usize].iter().map(|&entry| entry as usize);
                 entries.map(|entry| (entry & 0xffff, entry >> 16)).collect()

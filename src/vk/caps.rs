@@ -223,6 +223,21 @@ pub(crate) fn inspect(instance: &ash::Instance, physical: vk::PhysicalDevice, in
     (info, caps)
 }
 
+/// Whether a physical device tells what its compiler made of a pipeline.
+pub(crate) fn has_pipeline_statistics(instance: &ash::Instance, physical: vk::PhysicalDevice) -> bool {
+    // SAFETY: `physical` comes from `instance`; the same below.
+    let extensions = unsafe { instance.enumerate_device_extension_properties(physical) }.unwrap_or_default();
+    let name = Ok(ash::khr::pipeline_executable_properties::NAME);
+    if !extensions.iter().any(|extension| extension.extension_name_as_c_str() == name) {
+        return false;
+    }
+    let mut executables = vk::PhysicalDevicePipelineExecutablePropertiesFeaturesKHR::default();
+    let mut features = vk::PhysicalDeviceFeatures2::default().push_next(&mut executables);
+    // SAFETY: as above; the chained struct is one of an extension that the device has.
+    unsafe { instance.get_physical_device_features2(physical, &mut features) };
+    executables.pipeline_executable_info == vk::TRUE
+}
+
 fn kind_of(ty: vk::PhysicalDeviceType) -> DeviceKind {
     match ty {
         vk::PhysicalDeviceType::DISCRETE_GPU => DeviceKind::DiscreteGpu,

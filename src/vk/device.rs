@@ -4,7 +4,7 @@ use super::Checked;
 use super::caps::{self, Caps, DeviceInfo, Requirements};
 use super::instance::{Messages, NO_DRIVER, OwnedInstance};
 use crate::error::{Error, Result};
-use ash::vk;
+use ash::{khr, vk};
 use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
 use std::convert::Infallible;
 use std::mem::ManuallyDrop;
@@ -54,6 +54,9 @@ pub struct DeviceOptions {
     /// Turns the Khronos validation layer on, with synchronisation validation. What it says is in
     /// [`Device::validation_messages`].
     pub validation: bool,
+    /// Has the compiler keep what [`crate::Denoiser::pipeline_statistics`] tells, where the device can
+    /// (`VK_KHR_pipeline_executable_properties`).
+    pub pipeline_statistics: bool,
     /// The Vulkan loader's library, where it is not the system's own.
     pub loader: Option<PathBuf>,
 }
@@ -88,6 +91,8 @@ struct Inner {
     queue_family: u32,
     /// The queue of our own device. A renderer keeps its queues to itself.
     queue: Option<Mutex<vk::Queue>>,
+    /// Set where pipelines capture statistics.
+    executables: Option<khr::pipeline_executable_properties::Device>,
     /// Set where the device is ours to destroy.
     owned: Option<OwnedInstance>,
 }
@@ -156,9 +161,8 @@ impl Device {
         let priorities = [1.0];
         let queues =
             [vk::DeviceQueueCreateInfo::default().queue_family_index(queue_family).queue_priorities(&priorities)];
-        let mut features12 = vk::PhysicalDeviceVulkan12Features::default()
-            .buffer_device_address(true)
-            .shader_float16(caps.float16);
+        let mut features12 =
+            vk::PhysicalDeviceVulkan12Features::default().buffer_device_address(true).shader_float16(caps.float16);
         let mut features11 = vk::PhysicalDeviceVulkan11Features::default().storage_buffer16_bit_access(caps.storage16);
         let features = vk::PhysicalDeviceFeatures::default().shader_int64(caps.int64);
         let create = vk::DeviceCreateInfo::default()
@@ -166,9 +170,21 @@ impl Device {
             .enabled_features(&features)
             .push_next(&mut features12)
             .push_next(&mut features11);
-        // SAFETY: the features were reported by this physical device; the pointers outlive the call.
+        let statistics =
+            options.pipeline_statistics && caps::has_pipeline_statistics(&instance.raw, physical);
+        let extensions = [khr::pipeline_executable_properties::NAME.as_ptr()];
+        let mut executables =
+            vk::PhysicalDevicePipelineExecutablePropertiesFeaturesKHR::default().pipeline_executable_info(true);
+        let create = if statistics {
+            create.enabled_extension_names(&extensions).push_next(&mut executables)
+        } else {
+            create
+        };
+        // SAFETY: extension and features were reported by this physical device; the pointers outlive the call.
         let raw = unsafe { instance.raw.create_device(physical, &create, None) }.called("vkCreateDevice")?;
         let raw = patch(raw);
+        let executables =
+            statistics.then(|| khr::pipeline_executable_properties::Device::new(&instance.raw, &raw));
         // SAFETY: the family and the one queue of it were just created.
         let queue = unsafe { raw.get_device_queue(queue_family, 0) };
         let caps = caps.with_timestamp_bits(timestamp_bits);
@@ -188,6 +204,7 @@ impl Device {
             memory_in_use: AtomicU64::new(0),
             queue_family,
             queue: Some(Mutex::new(queue)),
+            executables,
             owned: Some(instance),
         })))
     }
@@ -233,6 +250,7 @@ impl Device {
             memory_in_use: AtomicU64::new(0),
             queue_family,
             queue: None,
+            executables: None,
             owned: None,
         })))
     }
@@ -273,6 +291,11 @@ impl Device {
 
     pub(crate) fn memory_in_use(&self) -> &AtomicU64 {
         &self.0.memory_in_use
+    }
+
+    /// What reads the statistics of pipelines; pipelines capture them where this is set.
+    pub(crate) fn executables(&self) -> Option<&khr::pipeline_executable_properties::Device> {
+        self.0.executables.as_ref()
     }
 
     pub(crate) fn queue_family(&self) -> u32 {

@@ -82,8 +82,8 @@ impl OwnedInstance {
                 .pfn_user_callback(Some(on_message))
                 .user_data((&raw mut *instance.messages).cast());
             // SAFETY: the user data is boxed in `instance`, which destroys the messenger before it is freed.
-            let messenger = unsafe { loader.create_debug_utils_messenger(&info, None) }
-                .called("vkCreateDebugUtilsMessengerEXT")?;
+            let messenger =
+                unsafe { loader.create_debug_utils_messenger(&info, None) }.called("vkCreateDebugUtilsMessengerEXT")?;
             instance.messenger = Some((loader, messenger));
         }
         Ok(instance)

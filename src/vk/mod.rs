@@ -6,6 +6,7 @@ pub mod device;
 pub mod instance;
 pub mod memory;
 pub mod pipeline;
+pub mod statistics;
 pub mod submit;
 pub mod timestamps;
 

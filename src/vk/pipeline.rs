@@ -41,13 +41,12 @@ impl Pipeline {
         if !bindings.is_empty() {
             let info = vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings);
             // SAFETY: the device is alive and `info` outlives the call.
-            pipeline.set_layout = unsafe { vk_device.create_descriptor_set_layout(&info, None) }
-                .called("vkCreateDescriptorSetLayout")?;
+            pipeline.set_layout =
+                unsafe { vk_device.create_descriptor_set_layout(&info, None) }.called("vkCreateDescriptorSetLayout")?;
             set_layouts.push(pipeline.set_layout);
         }
-        let ranges = [vk::PushConstantRange::default()
-            .stage_flags(vk::ShaderStageFlags::COMPUTE)
-            .size(contract.push_size())];
+        let ranges =
+            [vk::PushConstantRange::default().stage_flags(vk::ShaderStageFlags::COMPUTE).size(contract.push_size())];
         let info = vk::PipelineLayoutCreateInfo::default().set_layouts(&set_layouts).push_constant_ranges(&ranges);
         // SAFETY: as above.
         pipeline.layout = unsafe { vk_device.create_pipeline_layout(&info, None) }.called("vkCreatePipelineLayout")?;
@@ -60,17 +59,17 @@ impl Pipeline {
             .stage(vk::ShaderStageFlags::COMPUTE)
             .module(module)
             .name(c"main");
-        let info = vk::ComputePipelineCreateInfo::default().stage(stage).layout(pipeline.layout);
+        let flags = match device.executables() {
+            Some(_) => vk::PipelineCreateFlags::CAPTURE_STATISTICS_KHR,
+            None => vk::PipelineCreateFlags::empty(),
+        };
+        let info = vk::ComputePipelineCreateInfo::default().flags(flags).stage(stage).layout(pipeline.layout);
         // SAFETY: module and layout are alive.
         let made = unsafe { vk_device.create_compute_pipelines(vk::PipelineCache::null(), &[info], None) };
         // SAFETY: a module may go once its pipelines are made.
         unsafe { vk_device.destroy_shader_module(module, None) };
-        pipeline.raw = made
-            .map_err(|(_, result)| result)
-            .called("vkCreateComputePipelines")?
-            .first()
-            .copied()
-            .unwrap_or_default();
+        pipeline.raw =
+            made.map_err(|(_, result)| result).called("vkCreateComputePipelines")?.first().copied().unwrap_or_default();
         Ok(pipeline)
     }
 }

@@ -120,10 +120,8 @@ impl Submission {
         }
         let mut ticks = [0u64; 2];
         // SAFETY: both queries were written by the work just waited for.
-        unsafe {
-            device.get_query_pool_results(self.queries, 0, &mut ticks, vk::QueryResultFlags::TYPE_64)
-        }
-        .called("vkGetQueryPoolResults")?;
+        unsafe { device.get_query_pool_results(self.queries, 0, &mut ticks, vk::QueryResultFlags::TYPE_64) }
+            .called("vkGetQueryPoolResults")?;
         let period = f64::from(self.device.caps().timestamp_period);
         Ok(Some(ticks[1].saturating_sub(ticks[0]) as f64 * period * 1e-6))
     }

@@ -9,7 +9,7 @@ pub fn device() -> &'static Device {
     static DEVICE: OnceLock<Device> = OnceLock::new();
     DEVICE.get_or_init(|| {
         let selector = DeviceSelector::from_env().unwrap_or_default();
-        let device = Device::open_with(&DeviceOptions { selector, validation: true, loader: None });
+        let device = Device::open_with(&DeviceOptions { selector, validation: true, ..DeviceOptions::default() });
         device.unwrap_or_else(|error| panic!("no device to test on: {error}"))
     })
 }

@@ -81,8 +81,7 @@ impl Engine {
     fn open(args: &Args, weights: &Weights) -> Result<Self, Error> {
         let selector = args.device.clone().or_else(DeviceSelector::from_env).unwrap_or_default();
         let Args { precision, exposure, blend, .. } = args;
-        let options =
-            Options { precision: *precision, exposure: *exposure, blend: *blend, ..Options::default() };
+        let options = Options { precision: *precision, exposure: *exposure, blend: *blend, ..Options::default() };
         let device = Device::open(&selector)?;
         let denoiser = Denoiser::new(&device, weights, &options)?;
         Ok(Self { device, denoiser })

@@ -1,6 +1,6 @@
 //! `blocks`: the thesis's Table 4.3, the FiLM-CNN block against the SH-JSA block.
 
-use crate::parts::{self, Candidate};
+use crate::parts::{self, Candidate, Measured};
 use crate::session::Session;
 use crate::table::{self, number};
 use crate::{Failure, thesis};
@@ -31,40 +31,40 @@ pub fn blocks(session: &Session, sides: &[u32], channels: &[u32], json: bool) ->
         "channels",
         "side",
         "FiLM-CNN ms",
-        "min",
-        "spread",
+        "CPU ms",
         "separable ms",
+        "CPU ms",
         "SH-JSA ms",
-        "min",
-        "spread",
-        "FiLM-CNN / SH-JSA",
+        "CPU ms",
+        "SH-JSA / FiLM-CNN",
         "faster",
         "thesis: FiLM-CNN ms",
         "SH-JSA ms",
-        "ratio",
+        "SH-JSA / FiLM-CNN",
         "faster",
     ];
-    let winner = |ratio: f64| String::from(if ratio < 1.0 { "FiLM-CNN" } else { "SH-JSA" });
+    let winner = |ratio: f64| String::from(if ratio > 1.0 { "FiLM-CNN" } else { "SH-JSA" });
     let (mut lines, mut reports) = (vec![head.map(String::from).to_vec()], Vec::new());
     for &channels in channels {
         for &side in sides {
             let results = parts::measure(session, Extent::new(side, side), candidates(channels)?)?;
             let published = thesis::blocks(channels, side);
+            let block =
+                |r: &Measured| json!({ "block": r.name, "ms": r.whole, "cpu_ms": r.cpu, "times_film_cnn": r.ratio });
             reports.push(json!({
-                "channels": channels, "side": side,
-                "ms": results.iter().map(|r| json!({ "block": r.name, "ms": r.whole })).collect::<Vec<_>>(),
+                "channels": channels, "side": side, "measured": results.iter().map(block).collect::<Vec<_>>(),
                 "thesis_ms": published.map(|(film, attention)| json!({ "FiLM-CNN": film, "SH-JSA": attention })),
             }));
-            let [film, separable, attention] = &results[..] else { continue };
-            let (film, attention) = (film.whole, attention.whole);
-            let ratio = film.median / attention.median;
             let mut line = vec![channels.to_string(), side.to_string()];
-            line.extend([film.median, film.min, film.spread, separable.whole.median].map(number));
-            line.extend([attention.median, attention.min, attention.spread, ratio].map(number));
-            line.push(winner(ratio));
+            for result in &results {
+                line.push(number(result.whole.median));
+                line.push(result.cpu.map_or("-".into(), |cpu| number(cpu.median)));
+            }
+            let ratio = results.last().map_or(1.0, |attention| attention.ratio);
+            line.extend([format!("{ratio:.2}"), winner(ratio)]);
             if let Some((film, attention)) = published {
-                line.extend([film, attention, film / attention].map(number));
-                line.push(winner(film / attention));
+                line.extend([number(film), number(attention), format!("{:.2}", attention / film)]);
+                line.push(winner(attention / film));
             }
             lines.push(line);
         }

@@ -66,7 +66,10 @@ pub fn conv(session: &Session, extent: Extent, channels: u32, output: &Output) -
         plot::roofline(path, &title, &session.roof, &points).map_err(Failure)?;
     }
     if output.json {
-        let wholes: Vec<_> = results.iter().map(|r| json!({ "name": r.name, "ms": r.whole })).collect();
+        let wholes: Vec<_> = results
+            .iter()
+            .map(|r| json!({ "name": r.name, "ms": r.whole, "cpu_ms": r.cpu, "times_direct": r.ratio }))
+            .collect();
         let report = json!({
             "session": session.header(), "width": extent.width, "height": extent.height, "channels": channels,
             "variants": wholes, "kernels": rows, "sums": sums,
@@ -81,6 +84,7 @@ pub fn conv(session: &Session, extent: Extent, channels: u32, output: &Output) -
         "ms",
         "min",
         "spread",
+        "CPU ms",
         "times direct",
         "GFLOP",
         "MB",
@@ -91,26 +95,28 @@ pub fn conv(session: &Session, extent: Extent, channels: u32, output: &Output) -
         "global M",
         "shared M",
     ];
+    let count = |count: Option<f64>| count.map_or("-".into(), number);
     let mut lines = vec![head.map(String::from).to_vec()];
-    let base = results.first().map_or(1.0, |direct| direct.whole.median);
     for result in &results {
-        let whole = result.whole;
         let mut line = vec![result.name.clone(), String::new()];
-        line.extend([whole.median, whole.min, whole.spread, whole.median / base].map(number));
+        line.extend([result.whole.median, result.whole.min, result.whole.spread].map(number));
+        line.push(count(result.cpu.map(|cpu| cpu.median)));
+        line.push(format!("{:.2}", result.ratio));
         lines.push(line);
         for row in rows.iter().filter(|row| row.stage == result.name) {
             let (ms, bytes) = (row.microseconds.times(1e-3), row.mb_read + row.mb_written);
             let mut line = vec![String::new(), row.variant.clone()];
-            line.extend([ms.median, ms.min, ms.spread, ms.median / base, row.gflop, bytes].map(number));
-            line.extend([row.flop_per_byte, row.gflop_per_second, row.gb_per_second].map(number));
+            line.extend([ms.median, ms.min, ms.spread].map(number));
+            line.extend([String::new(), String::new()]);
+            line.extend([row.gflop, bytes, row.flop_per_byte, row.gflop_per_second, row.gb_per_second].map(number));
             line.push(format!("{:.1} %", row.percent_of_roof));
-            line.extend([row.global_accesses, row.shared_accesses].map(|count| count.map_or("-".into(), number)));
+            line.extend([row.global_accesses, row.shared_accesses].map(count));
             lines.push(line);
         }
     }
     print!("{}", table::aligned(&lines, 2));
     println!(
-        "\nAccesses are loads and stores of invocations, in millions; the thesis counts instructions of {WARP} lanes: a\n\
+        "\nTimes direct: the median of runs in turn, of CPU time on a CPU driver. Accesses are loads and stores of invocations, in millions; the thesis counts instructions of {WARP} lanes: a\n\
          {WARP}th of them. The thesis, 1024x1024, NVIDIA L40S:"
     );
     thesis::CONVOLUTIONS.iter().for_each(|line| println!("  {line}"));

@@ -8,6 +8,7 @@ use crate::summary::Summary;
 use crate::{Failure, export, table};
 use serde_json::json;
 use vkdenoise::net::{Arch, DepthRule, ExposureRule, Preprocessing};
+use vkdenoise::vk::statistics::PipelineStatistic;
 use vkdenoise::{
     Denoiser, Error, Extent, Features, Frame, KernelRecord, Layout, Options, Plane, PlaneMut, Report, Weights,
 };
@@ -16,10 +17,18 @@ use vkdenoise::{
 pub struct Measured {
     /// Milliseconds of the pass as it is.
     pub plain: Summary,
+    /// Milliseconds of CPU time of it, on CPU drivers.
+    pub cpu: Option<Summary>,
     /// Milliseconds with a timestamp around every kernel.
     pub profiled: Summary,
+    /// Milliseconds of CPU time of that.
+    pub profiled_cpu: Option<Summary>,
+    /// Share of a profiled pass that its kernels take.
+    pub kernels_share: Summary,
     /// The kernels of every profiled run.
     pub runs: Vec<Vec<KernelRecord>>,
+    /// What the compiler says of them, where the device tells.
+    pub statistics: Vec<PipelineStatistic>,
 }
 
 /// Random weights: the work does not depend on them.
@@ -57,18 +66,33 @@ pub fn measure(
         Ok((report.gpu_ms.unwrap_or(report.total_ms), denoiser.records().to_vec()))
     };
     let (mut plain, mut profiled, mut runs) = (Vec::new(), Vec::new(), Vec::new());
+    let (mut cpu, mut profiled_cpu) = (Vec::new(), Vec::new());
     for turn in 0..session.warm_up + session.repeat {
-        let (ms, _) = run(false)?;
-        let with = if profile { Some(run(true)?) } else { None };
+        let ((ms, _), plain_cpu) = session.cpu_ms(|| run(false))?;
+        let with = if profile { Some(session.cpu_ms(|| run(true))?) } else { None };
         if turn >= session.warm_up {
             plain.push(ms);
-            if let Some((ms, records)) = with {
+            cpu.extend(plain_cpu);
+            if let Some(((ms, records), with_cpu)) = with {
                 profiled.push(ms);
+                profiled_cpu.extend(with_cpu);
                 runs.push(records);
             }
         }
     }
-    Ok(Measured { plain: Summary::of(&plain), profiled: Summary::of(&profiled), runs })
+    let statistics = denoiser.pipeline_statistics()?;
+    let kernels_ms = |run: &Vec<KernelRecord>| run.iter().map(|record| record.microseconds).sum::<f64>() * 1e-3;
+    let shares: Vec<f64> = runs.iter().zip(&profiled).map(|(run, pass)| kernels_ms(run) / pass).collect();
+    let optional = |values: &[f64]| (!values.is_empty()).then(|| Summary::of(values));
+    Ok(Measured {
+        plain: Summary::of(&plain),
+        cpu: optional(&cpu),
+        profiled: Summary::of(&profiled),
+        profiled_cpu: optional(&profiled_cpu),
+        kernels_share: Summary::of(&shares),
+        runs,
+        statistics,
+    })
 }
 
 /// The subcommand.
@@ -101,8 +125,10 @@ pub fn network(
     if output.json {
         let report = json!({
             "session": session.header(), "network": name, "width": extent.width, "height": extent.height,
-            "pass_ms": measured.plain, "profiled_pass_ms": measured.profiled, "kernels_ms": kernels_ms,
+            "pass_ms": measured.plain, "pass_cpu_ms": measured.cpu,
+            "profiled_pass_ms": measured.profiled, "profiled_pass_cpu_ms": measured.profiled_cpu, "kernels_ms": kernels_ms, "kernels_share": measured.kernels_share,
             "kernels": rows, "by_stage": by_stage, "by_kernel": by_kernel,
+            "pipeline_statistics": measured.statistics.iter().map(statistic_json).collect::<Vec<_>>(),
         });
         println!("{report:#}");
         return Ok(());
@@ -113,10 +139,26 @@ pub fn network(
     if !rows.is_empty() {
         let with = measured.profiled.median;
         print!(", with timestamps {with:.2} ms ({:+.1} %)", 100.0 * (with / median - 1.0));
-        print!("; its kernels add up to {kernels_ms:.2} ms ({:+.1} %)", 100.0 * (kernels_ms / median - 1.0));
+        let share = 100.0 * measured.kernels_share.median;
+        print!("; its kernels add up to {kernels_ms:.2} ms, in each run to {share:.1} % of its pass");
+        if let (Some(plain), Some(with)) = (measured.cpu, measured.profiled_cpu) {
+            let slower = 100.0 * (with.median / plain.median - 1.0);
+            print!("\nCPU time {:.2} ms, with timestamps {:.2} ms ({slower:+.1} %)", plain.median, with.median);
+        }
         print!("\n\n{}", table::kernels(&rows));
         print!("\n{}\n{}", table::sums("stage", &by_stage), table::sums("kernel", &by_kernel));
     }
     println!();
+    if measured.statistics.is_empty() {
+        println!("The device tells nothing of its pipelines (VK_KHR_pipeline_executable_properties).");
+    }
+    for PipelineStatistic { variant, executable, name, value } in &measured.statistics {
+        println!("{variant}, {executable}: {name} {value}");
+    }
     Ok(())
+}
+
+fn statistic_json(statistic: &PipelineStatistic) -> serde_json::Value {
+    let PipelineStatistic { variant, executable, name, value } = statistic;
+    json!({ "variant": variant, "executable": executable, "name": name, "value": value.to_string() })
 }

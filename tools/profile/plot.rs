@@ -14,6 +14,18 @@ pub struct Point {
 
 const SIZE: (u32, u32) = (960, 600);
 
+/// Colours that most eyes tell apart, on white.
+const COLORS: [RGBColor; 8] = [
+    RGBColor(0, 114, 178),
+    RGBColor(213, 94, 0),
+    RGBColor(0, 158, 115),
+    RGBColor(204, 121, 167),
+    RGBColor(86, 180, 233),
+    RGBColor(160, 110, 0),
+    RGBColor(90, 90, 90),
+    RGBColor(110, 60, 160),
+];
+
 /// Draws the points under the roof.
 ///
 /// # Errors
@@ -60,7 +72,7 @@ pub fn roofline(path: &Path, title: &str, roof: &Roof, points: &[Point]) -> Resu
         }
     }
     for (i, name) in names.into_iter().enumerate() {
-        let color = Palette99::pick(i).mix(0.85);
+        let color = COLORS[i % COLORS.len()].mix(0.85);
         let of_series = points.iter().filter(|point| point.series == name);
         let mark = |point: &Point| Circle::new((point.flop_per_byte, point.flop_per_second * 1e-9), 4, color.filled());
         chart

@@ -1,10 +1,11 @@
 //! The device under measurement and what is said of it.
 
 use crate::args::Common;
+use cpu_time::ProcessTime;
 use serde::Serialize;
 use std::time::SystemTime;
 use vkdenoise::profile::Roof;
-use vkdenoise::{Device, Error};
+use vkdenoise::{Device, DeviceKind, DeviceOptions, Error};
 
 /// An open device with its roofs.
 pub struct Session {
@@ -32,9 +33,20 @@ pub struct Header {
 impl Session {
     /// Opens the device and measures its roofs.
     pub fn open(common: &Common) -> Result<Self, Error> {
-        let device = Device::open(&common.device)?;
+        let options =
+            DeviceOptions { selector: common.device.clone(), pipeline_statistics: true, ..DeviceOptions::default() };
+        let device = Device::open_with(&options)?;
         let roof = Roof::measure(&device)?;
         Ok(Self { device, roof, repeat: common.repeat, warm_up: common.warm_up })
+    }
+
+    /// What a piece of work costs beside its time: milliseconds of this process's CPU time on CPU drivers, where other work
+    /// on the machine stretches the time but hardly this; `None` elsewhere.
+    pub fn cpu_ms<T>(&self, work: impl FnOnce() -> Result<T, Error>) -> Result<(T, Option<f64>), Error> {
+        let clock = ProcessTime::now();
+        let done = work()?;
+        let ms = clock.elapsed().as_secs_f64() * 1e3;
+        Ok((done, (self.device.info().kind == DeviceKind::Cpu).then_some(ms)))
     }
 
     pub fn header(&self) -> Header {

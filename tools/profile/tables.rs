@@ -22,6 +22,7 @@ pub fn tables(session: &Session, extent: Extent, json: bool) -> Result<(), Failu
         "ms",
         "min",
         "spread",
+        "CPU ms",
         "of baseline",
         "thesis: s 1024^2",
         "of baseline",
@@ -37,18 +38,20 @@ pub fn tables(session: &Session, extent: Extent, json: bool) -> Result<(), Failu
         let multiple = arch.pad_multiple();
         let (width, height) = (extent.width.next_multiple_of(multiple), extent.height.next_multiple_of(multiple));
         let true_gflop = cost::flops(&graph, width, height).total() as f64 * 1e-9;
-        let time = network::measure(session, &arch, extent, &Options::default(), false)?.plain;
-        let base = *baseline.get_or_insert(time.median);
+        let measured = network::measure(session, &arch, extent, &Options::default(), false)?;
+        let (time, cost) = (measured.plain, measured.cpu.unwrap_or(measured.plain).median);
+        let base = *baseline.get_or_insert(cost);
         let mut line = vec![name.to_owned()];
         line.extend([costs.parameters as f64 * 1e-6, parameters_m].map(|value| format!("{value:.2}")));
         line.extend([costs.flops as f64 * 1e-9, gflop].map(|value| format!("{value:.2}")));
         line.extend([true_gflop, time.median, time.min, time.spread].map(number));
-        line.push(format!("{:.3}", time.median / base));
+        line.push(measured.cpu.map_or("-".into(), |cpu| number(cpu.median)));
+        line.push(format!("{:.3}", cost / base));
         line.extend([seconds, seconds / NETWORKS[0].seconds, psnr, ssim].map(|value| format!("{value:.3}")));
         lines.push(line);
         reports.push(json!({
             "network": name, "parameters": costs.parameters, "table_flops_128": costs.flops,
-            "true_flops": true_gflop * 1e9, "ms": time, "of_baseline": time.median / base,
+            "true_flops": true_gflop * 1e9, "ms": time, "cpu_ms": measured.cpu, "of_baseline": cost / base,
             "thesis": {
                 "parameters_m": parameters_m, "gflop_128": gflop, "seconds_1024": seconds,
                 "of_baseline": seconds / NETWORKS[0].seconds, "psnr": psnr, "ssim": ssim,

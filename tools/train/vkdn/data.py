@@ -68,7 +68,12 @@ def random_rotation(rng):
 
 @dataclass
 class Augmentation:
-    """Chances and sizes of what is changed at random; jitters are standard deviations in stops (log2)."""
+    """Chances and sizes of what is changed at random; jitters are standard deviations in stops (log2).
+
+    A render's chance is in proportion to its sample count to the power `favour`: under little noise there is more to learn.
+    """
+
+    favour: float = 0.3
 
     drop_one: float = 0.1
     blend: float = 0.5
@@ -89,7 +94,8 @@ class Augmentation:
         """One of a view's noisy renders {spp: planes}, or a blend of two of them with a random weight up to that of their
         sample counts: noise of levels and of patterns that were not rendered."""
         counts = list(noisy)
-        first = counts[rng.integers(len(counts))]
+        chances = np.array(counts, float) ** self.favour
+        first = counts[rng.choice(len(counts), p=chances / chances.sum())]
         planes = {n: p.astype(np.float32) for n, p in noisy[first].items()}
         if rng.random() >= self.blend or len(counts) == 1:
             return planes

@@ -1,0 +1,122 @@
+//! Regions: the bits of the whole frame for a part of the work.
+
+mod common;
+
+use common::device::{assert_no_validation_messages, device};
+use common::random::Random;
+use vkdenoise::kernels::{TileRect, Tiles};
+use vkdenoise::net::Arch;
+use vkdenoise::net::graph::{Graph, Stage};
+use vkdenoise::plan::{Plan, PlanOptions, plan};
+use vkdenoise::{Denoiser, Error, Extent, Features, Frame, Layout, Options, Plane, PlaneMut, Region, Weights};
+
+fn hybrid(extent: Extent) -> Plan {
+    plan(&Graph::new(&Arch::hybrid()).unwrap(), extent, &PlanOptions::default()).unwrap()
+}
+
+fn flops(dispatches: &[vkdenoise::plan::Dispatch]) -> u64 {
+    dispatches.iter().map(|dispatch| dispatch.flops).sum()
+}
+
+/// The worst share of the whole frame's work over the placements of a square, `step` pixels apart.
+fn worst_share(side: u32, square: u32, step: u32) -> f64 {
+    let plan = hybrid(Extent::new(side, side));
+    let whole = flops(&plan.dispatches) as f64;
+    let places = || (0..=side - square).step_by(step as usize);
+    let shares = places().flat_map(|y| places().map(move |x| Region { x, y, width: square, height: square }));
+    shares.map(|region| flops(&plan.of_region(region)) as f64 / whole).fold(0.0, f64::max)
+}
+
+#[test]
+fn a_small_region_needs_a_part_of_the_work() {
+    let sides = [(1024, 56), (2048, 120), (4096, 248)];
+    let shares = sides.map(|(side, step)| worst_share(side, 128, step));
+    println!("128 x 128 pixels at worst: {shares:.3?}");
+    // As measured; more would mean that something is computed in vain.
+    for (share, most) in shares.into_iter().zip([0.67, 0.54, 0.27]) {
+        assert!((most - 0.02..=most).contains(&share), "{shares:?}");
+    }
+}
+
+#[test]
+fn the_whole_frame_is_a_region() {
+    let extent = Extent::new(200, 136);
+    let plan = hybrid(extent);
+    for (part, whole) in plan.of_region(Region::all(extent)).iter().zip(&plan.dispatches) {
+        let Some((tiles, width, height)) = part.call.tiles() else { continue };
+        let Tiles::Rect(rect) = tiles else { panic!("{}: {tiles:?}", part.name) };
+        // The frame is padded to 256 x 256: tiles of padding alone are needed as far as the network looks.
+        assert!(rect.right * 8 <= width.max(extent.width + 7) && rect.bottom * 8 <= height.max(extent.height + 7));
+        assert!(part.flops <= whole.flops, "{}", part.name);
+    }
+}
+
+#[test]
+fn a_region_outside_the_frame_is_refused() {
+    let mut denoiser = Denoiser::new(device(), &Weights::hybrid().unwrap(), &Options::default()).unwrap();
+    let extent = Extent::new(16, 8);
+    let color = [0.5; 3 * 16 * 8];
+    let rgb = Layout::interleaved(extent, 3);
+    let frame = Frame { extent, color: Plane::f32(&color, rgb), features: Features::default() };
+    for (x, y, width, height) in [(0, 0, 0, 1), (0, 0, 17, 1), (9, 0, 8, 8), (0, 8, 1, 1), (u32::MAX, 0, u32::MAX, 1)] {
+        denoiser.set_region(Some(Region { x, y, width, height }));
+        let mut output = [-1.0; 3 * 16 * 8];
+        let refused = denoiser.denoise(&frame, PlaneMut::f32(&mut output, rgb));
+        assert!(matches!(refused, Err(Error::InvalidOption { option: "region", .. })), "{refused:?}");
+        assert!(output.iter().all(|&v| v == -1.0));
+    }
+}
+
+/// Denoises random rectangles of a frame and compares them with the whole; `VKDENOISE_REGIONS` gives their number.
+fn check_rectangles(extent: Extent, seed: u64, inactive: &[Stage]) {
+    let count = std::env::var("VKDENOISE_REGIONS").ok().and_then(|n| n.parse().ok()).unwrap_or(3);
+    let mut random = Random::new(seed);
+    let color = random.values(3 * extent.pixels() as usize, 0.0, 2.0);
+    let depth = random.values(extent.pixels() as usize, 1.0, 9.0);
+    let rgb = Layout::interleaved(extent, 3);
+    let features = Features { depth: Some(Plane::f32(&depth, Layout::interleaved(extent, 1))), ..Features::default() };
+    let frame = Frame { extent, color: Plane::f32(&color, rgb), features };
+    let mut denoiser = Denoiser::new(device(), &Weights::hybrid().unwrap(), &Options::default()).unwrap();
+    let mut whole = vec![f32::NAN; color.len()];
+    denoiser.denoise(&frame, PlaneMut::f32(&mut whole, rgb)).unwrap();
+
+    let plan = hybrid(extent);
+    for _ in 0..count {
+        let (width, height) = (random.integer(1, extent.width.min(90)), random.integer(1, extent.height.min(90)));
+        let (x, y) = (random.integer(0, extent.width - width), random.integer(0, extent.height - height));
+        let region = Region { x, y, width, height };
+        let idle: Vec<Stage> = plan
+            .of_region(region)
+            .iter()
+            .filter(|dispatch| {
+                let all = |w: u32, h: u32| TileRect { left: 0, top: 0, right: w.div_ceil(8), bottom: h.div_ceil(8) };
+                dispatch.call.tiles().is_some_and(|(tiles, w, h)| tiles.count(w, h) < all(w, h).count())
+            })
+            .map(|dispatch| dispatch.stage)
+            .collect();
+        for stage in inactive {
+            assert!(idle.contains(stage), "{region:?}: {stage:?} computes everything");
+        }
+        denoiser.set_region(Some(region));
+        let mut part = vec![-1.0; color.len()];
+        denoiser.denoise(&frame, PlaneMut::f32(&mut part, rgb)).unwrap();
+        for (i, (part, whole)) in part.iter().zip(&whole).enumerate() {
+            let (px, py) = (i as u32 / 3 % extent.width, i as u32 / 3 / extent.width);
+            let expected = if region.contains(px, py) { *whole } else { -1.0 };
+            assert_eq!(part.to_bits(), expected.to_bits(), "{region:?}: pixel ({px}, {py}) is {part}, not {expected}");
+        }
+    }
+    assert_no_validation_messages();
+}
+
+#[test]
+fn rectangles_of_a_small_frame_have_the_bits_of_the_whole() {
+    check_rectangles(Extent::new(300, 211), 1, &[Stage::Output]);
+}
+
+#[test]
+fn rectangles_of_a_long_frame_have_the_bits_of_the_whole() {
+    let stages =
+        [Stage::Input, Stage::Encoder(0), Stage::Encoder(1), Stage::Encoder(2), Stage::Bottleneck, Stage::Output];
+    check_rectangles(Extent::new(2560, 128), 2, &stages);
+}
