@@ -2,7 +2,7 @@
 //!
 //! 1. [`Histogram`] counts the luminances (valid pixels, above 0) by the upper 16 bits of the float, 128 bins an octave,
 //!    and the valid depths in 512 bins an octave, so that their unit makes no difference: the scale follows them within
-//!    0.1 %.
+//!    0.2 %.
 //! 2. [`Select`] reads the median luminance `m` and the 99.9th percentile of depth from them.
 //! 3. [`TileMeans`] takes the mean of `min(luminance, 64 m)` over the pixels of every 8x8 tile that are valid and of no
 //!    channel above 1e8 m, and its base-2 logarithm relative to m, at least -10.
