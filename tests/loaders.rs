@@ -115,9 +115,10 @@ fn sound_exr() -> &'static [u8] {
 }
 
 fn read_exr(bytes: &[u8]) -> Result<ExrFrame, ExrError> {
-    let path = folder().join("damaged.exr");
-    std::fs::write(&path, bytes).unwrap();
-    ExrFrame::read(&path, &LayerOptions::default())
+    // A file of its own: the tests run side by side.
+    let file = tempfile::NamedTempFile::new_in(folder()).unwrap();
+    std::fs::write(file.path(), bytes).unwrap();
+    ExrFrame::read(file.path(), &LayerOptions::default())
 }
 
 #[test]
