@@ -131,7 +131,7 @@ push_constants! {
         albedo_offset: U32, albedo_pixel: U32, albedo_row: U32, albedo_channel: U32,
         normal_offset: U32, normal_pixel: U32, normal_row: U32, normal_channel: U32,
         depth_offset: U32, depth_pixel: U32, depth_row: U32,
-        width: U32, height: U32, dst_width: U32, tile_count: U32, flags: U32,
+        width: U32, height: U32, dst_width: U32, first_tile: U32, tile_count: U32, flags: U32, unused: U32,
     }
 }
 

@@ -115,8 +115,10 @@ impl Kernel for InputAux {
             width: self.width,
             height: self.height,
             dst_width: self.dst.width,
+            first_tile: self.tiles.first(),
             tile_count: self.tiles.count(self.dst.width, self.dst.height),
             flags: planes,
+            unused: 0,
         })
     }
 
