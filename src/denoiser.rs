@@ -192,8 +192,8 @@ impl Denoiser {
     ///
     /// # Errors
     /// [`Error::EmptyFrame`], [`Error::PlaneMismatch`], [`Error::InvalidOption`] for a region that leaves the frame,
-    /// [`Error::FrameTooLarge`], [`Error::OutOfMemory`], [`Error::DeviceLost`], [`Error::Vulkan`]; [`Error::Binding`] on a renderer's device, which has no queue of ours.
-    /// The output is untouched then.
+    /// [`Error::FrameTooLarge`], [`Error::OutOfMemory`], [`Error::DeviceLost`], [`Error::Vulkan`]; [`Error::Binding`] on a
+    /// renderer's device, which has no queue of ours. The output is untouched then.
     pub fn denoise(&mut self, frame: &Frame, mut output: PlaneMut) -> Result<Report> {
         frame.check()?;
         output.check("output", frame.extent, 3)?;

@@ -187,7 +187,8 @@ impl Pass {
         Ok(Binding { sets, pipelines, variants, extent: self.plan.extent, planes })
     }
 
-    /// Records the pass into the renderer's command buffer. It does not submit, wait, allocate or update anything.
+    /// Records the pass into the renderer's command buffer. It does not submit, wait, allocate device memory or update
+    /// anything.
     ///
     /// * Before: the renderer has made its writes to the input planes visible to
     ///   `VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT` / `VK_ACCESS_SHADER_READ_BIT`, and ordered earlier uses of the output plane

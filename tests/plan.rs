@@ -3,8 +3,9 @@
 //! Kernels reach memory by address, which the validation layer's synchronisation checks do not follow: these tests are
 //! what stands for them.
 
+use vkdenoise::kernels::contract::BindingType;
 use vkdenoise::kernels::winograd::WinogradTile;
-use vkdenoise::kernels::{BufferId, Call};
+use vkdenoise::kernels::{BufferId, Call, Variants};
 use vkdenoise::net::{Arch, Graph};
 use vkdenoise::plan::{ConvAlgorithm, Dispatch, Place, Plan, PlanOptions, SeparableForm, plan};
 use vkdenoise::{Error, Extent};
@@ -121,4 +122,18 @@ fn what_does_not_fit_is_an_error() {
     assert!(matches!(refused, Err(Error::FrameTooLarge { reason, .. }) if reason.contains("1048576")));
     assert!(matches!(plan_of("hybrid", Extent::new(0, 5), u64::MAX), Err(Error::EmptyFrame { .. })));
     assert!(matches!(plan_of("hybrid", Extent::new(u32::MAX, 5), u64::MAX), Err(Error::FrameTooLarge { .. })));
+}
+
+/// The order is the contract's; a missing range would leave a descriptor unwritten.
+#[test]
+fn every_texel_buffer_of_a_contract_has_its_range() {
+    let variants = Variants { cpu: true, images: false, output_half: false };
+    for (name, plan) in plans(Extent::new(128, 128)) {
+        for dispatch in &plan.dispatches {
+            let kernel = dispatch.call.kernel();
+            let bindings = kernel.contract(variants).bindings.iter();
+            let buffers = bindings.filter(|binding| binding.ty == BindingType::TexelBuffer).count();
+            assert!(buffers == 0 || kernel.texels().len() == buffers, "{name}: {}", dispatch.name);
+        }
+    }
 }

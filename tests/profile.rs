@@ -8,7 +8,7 @@ use cpu_time::ProcessTime;
 use std::sync::{Mutex, PoisonError};
 use vkdenoise::{
     BufferFrame, BufferPlane, Denoiser, Device, DeviceKind, Error, Extent, Features, Frame, FrameOptions, KernelRecord,
-    Layout, Options, Plane, PlaneMut, Profiler, RendererDevice, SampleFormat, Weights,
+    Layout, Options, Plane, PlaneMut, Profiler, SampleFormat, Weights,
 };
 
 const EXTENT: Extent = Extent::new(150, 100);
@@ -98,16 +98,8 @@ fn a_record_for_every_dispatch_in_order() {
 fn a_renderers_frames_have_slots_of_their_own() {
     let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
     let renderer = Renderer::new();
-    let handles = RendererDevice {
-        instance: renderer.instance.clone(),
-        physical_device: renderer.physical_device,
-        device: renderer.device.clone(),
-        queue_family: renderer.queue_family,
-        storage_buffer_16bit: renderer.storage16,
-        shader_int64: renderer.int64,
-    };
     // SAFETY: the handles are the renderer's, which lives to the end of the test.
-    let renderers_device = unsafe { Device::from_renderer(handles) }.unwrap();
+    let renderers_device = unsafe { Device::from_renderer(renderer.handles()) }.unwrap();
     let denoiser = Denoiser::new(&renderers_device, &Weights::hybrid().unwrap(), &Options::default()).unwrap();
     let pass = denoiser.pass(EXTENT).unwrap();
     let buffer = renderer.buffer(12 * EXTENT.pixels());

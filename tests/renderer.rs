@@ -54,16 +54,8 @@ fn on_host(picture: &Picture) -> Vec<f32> {
 }
 
 fn denoiser(renderer: &Renderer) -> Denoiser {
-    let handles = RendererDevice {
-        instance: renderer.instance.clone(),
-        physical_device: renderer.physical_device,
-        device: renderer.device.clone(),
-        queue_family: renderer.queue_family,
-        storage_buffer_16bit: renderer.storage16,
-        shader_int64: renderer.int64,
-    };
     // SAFETY: the handles are the renderer's, which the caller keeps alive.
-    let device = unsafe { Device::from_renderer(handles) }.unwrap();
+    let device = unsafe { Device::from_renderer(renderer.handles()) }.unwrap();
     Denoiser::new(&device, &Weights::hybrid().unwrap(), &Options::default()).unwrap()
 }
 
@@ -269,14 +261,7 @@ fn what_does_not_fit_is_refused_before_recording() {
     assert!(matches!(bound, Err(Error::Binding(message)) if message.contains("UNDEFINED")));
 
     // A family that is not there.
-    let handles = RendererDevice {
-        instance: renderer.instance.clone(),
-        physical_device: renderer.physical_device,
-        device: renderer.device.clone(),
-        queue_family: 99,
-        storage_buffer_16bit: false,
-        shader_int64: false,
-    };
+    let handles = RendererDevice { queue_family: 99, ..renderer.handles() };
     // SAFETY: the other handles are the renderer's.
     let refused = unsafe { Device::from_renderer(handles) };
     assert!(matches!(refused, Err(Error::Unsupported { missing, .. }) if missing.contains("99")));

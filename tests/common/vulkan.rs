@@ -5,7 +5,7 @@ use ash::{ext, vk};
 use half::f16;
 use std::ffi::{CStr, c_void};
 use std::sync::Mutex;
-use vkdenoise::{Device, Extent, ImageFormat, ImagePlane};
+use vkdenoise::{Device, Extent, ImageFormat, ImagePlane, RendererDevice};
 
 pub struct Renderer {
     _entry: ash::Entry,
@@ -112,6 +112,18 @@ impl Renderer {
                 memory,
                 messages,
             }
+        }
+    }
+
+    /// What the denoiser is handed.
+    pub fn handles(&self) -> RendererDevice {
+        RendererDevice {
+            instance: self.instance.clone(),
+            physical_device: self.physical_device,
+            device: self.device.clone(),
+            queue_family: self.queue_family,
+            storage_buffer_16bit: self.storage16,
+            shader_int64: self.int64,
         }
     }
 
