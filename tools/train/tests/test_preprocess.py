@@ -46,6 +46,20 @@ class PreprocessTest(unittest.TestCase):
         np.testing.assert_array_equal(fixed[3], 1)
         np.testing.assert_array_equal(preprocess.repair(grey(np.inf), 1.0), 0)
 
+    def test_isolated_fireflies_are_bad_and_small_lights_are_not(self):
+        color = grey(1.0, 12, 12)
+        color[1, 1] = 2e3
+        color[1, 6:8] = 2e3
+        color[5:7, 1:3] = 2e3
+        color[5, 6:9] = 2e3
+        color[9, 1] = 9e2
+        fixed = preprocess.repair(color, 1.0)
+        expected = color.copy()
+        # One bright pixel and a pair are fireflies, and so are a line's two ends.
+        expected[1, 1] = expected[1, 6:8] = 1
+        expected[5, 6] = expected[5, 8] = (7 + 2e3) / 8
+        np.testing.assert_allclose(fixed, expected, rtol=1e-6)
+
     def test_auxiliary(self):
         shape = (2, 2)
         missing = preprocess.auxiliary(shape, None, None, None, 1.0)

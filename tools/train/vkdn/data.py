@@ -80,6 +80,7 @@ class Augmentation:
     shift: int = 16
     drop_all: float = 0.1
     fireflies: float = 0.25
+    emitters: float = 0.2
     exposure_jitter: float = 0.5
     crop_exposure_jitter: float = 1.0
     crop_depth_jitter: float = 0.7
@@ -123,6 +124,18 @@ class Augmentation:
         color[y, x] += key * 10 ** rng.uniform(1, 4, (count, 1)) * tint
         return color
 
+    def paste_emitters(self, color, reference, key, rng):
+        """A few rectangles of 2 to 12 pixels shine with 3 to 10^4 keys, in the noisy render and the reference alike: small
+        lights must not be taken for noise, and there are few of them in renders of few scenes."""
+        color, reference = color.copy(), reference.copy()
+        for _ in range(rng.integers(1, 4)):
+            height, width = rng.integers(2, 13, 2)
+            y, x = rng.integers(color.shape[0] - height), rng.integers(color.shape[1] - width)
+            radiance = key * 10 ** rng.uniform(0.5, 4) * rng.uniform(0.6, 1, 3)
+            for plane in (color, reference):
+                plane[y : y + height, x : x + width] = radiance
+        return color, reference
+
     def frame_statistics(self, view, planes, rng):
         """The frame's key and depth scale where known; else the crop's, made less certain."""
         if view.frame is not None:
@@ -159,6 +172,8 @@ class TrainingSet(torch.utils.data.IterableDataset):
         planes = augmentation.pick(view.noisy, rng)
         reference = view.reference.astype(np.float32)
         stats, jitter = augmentation.frame_statistics(view, planes, rng)
+        if rng.random() < augmentation.emitters:
+            planes["color"], reference = augmentation.paste_emitters(planes["color"], reference, stats.key, rng)
         if rng.random() < augmentation.fireflies:
             planes["color"] = augmentation.inject_fireflies(planes["color"], stats.key, rng)
         if "normal" in planes:

@@ -12,6 +12,8 @@ MIDDLE_GREY = 0.18
 TILE = 8
 LARGEST_HALF = 65504.0
 BAD_PIXEL = 1e8
+ISOLATED_KEYS = 1e3
+ISOLATED_RATIO = 100
 
 
 @dataclass
@@ -68,18 +70,35 @@ def statistics(color, depth):
     return Statistics(key_of(color), depth_scale_of(depth) if depth is not None else 1.0)
 
 
+def neighbourhood(plane):
+    """[H, W, ...] -> [9, H, W, ...]: every pixel's 3x3 neighbourhood, itself in the middle (index 4), zeros outside."""
+    padded = np.pad(plane, ((1, 1), (1, 1)) + ((0, 0),) * (plane.ndim - 2))
+    height, width = plane.shape[:2]
+    return np.stack([padded[y : y + height, x : x + width] for y in range(3) for x in range(3)])
+
+
+def is_isolated(brightest, key):
+    """[H, W] -> [H, W]: above ISOLATED_KEYS keys and ISOLATED_RATIO times the second-brightest of its neighbours.
+
+    That is a path that found a lamp by chance, not a lamp: light of more than two pixels, and a line of one, has two bright
+    neighbours everywhere but at its ends. `brightest` is a pixel's brightest channel, 0 where the pixel is bad.
+    """
+    suspect = brightest > ISOLATED_KEYS * key
+    if not suspect.any():
+        return suspect
+    around = np.delete(neighbourhood(brightest), 4, 0)
+    return suspect & (brightest > ISOLATED_RATIO * np.sort(around, 0)[-2])
+
+
 def repair(color, key):
-    """Bad pixels (not valid, or above BAD_PIXEL keys) take the mean of their good 3x3 neighbours, else 0."""
+    """Bad pixels (not valid, above BAD_PIXEL keys, or isolated) take the mean of their good 3x3 neighbours, else 0."""
     with np.errstate(invalid="ignore"):
         good = is_valid(color) & (color.max(-1) <= BAD_PIXEL * key)
+    good &= ~is_isolated(np.where(good, color.max(-1), 0), key)
     if good.all():
         return color
-    height, width = good.shape
-    weight = np.pad(good.astype(np.float64), 1)
-    value = np.pad(np.where(good[..., None], color, 0).astype(np.float64), ((1, 1), (1, 1), (0, 0)))
-    shifts = [(slice(y, y + height), slice(x, x + width)) for y in range(3) for x in range(3)]
-    total = sum(value[s] for s in shifts)
-    count = sum(weight[s] for s in shifts)[..., None]
+    total = neighbourhood(np.where(good[..., None], color, 0).astype(np.float64)).sum(0)
+    count = neighbourhood(good.astype(np.float64)).sum(0)[..., None]
     mean = (total / np.maximum(count, 1)).astype(np.float32)
     return np.where(good[..., None], color, mean)
 

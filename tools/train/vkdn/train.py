@@ -20,7 +20,7 @@ from tqdm import tqdm
 from . import checkpoint, weights
 from .arch import ARCHITECTURES
 from .blocks import FilmCnn
-from .data import TrainingSet, load_views
+from .data import Augmentation, TrainingSet, load_views
 from .denoise import denoise
 from .metrics import psnr
 from .model import Denoiser
@@ -29,10 +29,12 @@ from .start import start_as_blur
 EPSILON = 0.01
 
 
-def relative_l2(prediction, target, delta):
+def relative_l2(prediction, target, delta, bright=math.inf):
     """Mean of (y - yhat)^2 / (mean_rgb(y)^2 + 0.01) of each sample, in the log domain, [N, 3, H, W] -> [N]. Relative errors
-    beyond `delta` count linearly: at 1 spp a few dark pixels beside fireflies would otherwise be most of the gradient."""
-    scale = torch.rsqrt(target.mean(1, keepdim=True) ** 2 + EPSILON)
+    beyond `delta` count linearly: at 1 spp a few dark pixels beside fireflies would otherwise be most of the gradient.
+    No pixel counts as brighter than `bright`: the log of bright light is a relative measure already, and divided by its size
+    again lamps and windows weigh next to nothing."""
+    scale = torch.rsqrt(target.mean(1, keepdim=True).clamp(max=bright) ** 2 + EPSILON)
     return 2 * F.huber_loss(prediction * scale, target * scale, delta=delta, reduction="none").mean((1, 2, 3))
 
 
@@ -168,12 +170,14 @@ class Trainer:
             "lr": args.lr,
             "beta2": args.beta2,
             "delta": args.delta,
+            "bright": args.bright,
             "knee": args.knee,
             "muon": args.muon,
             "blur_start": args.blur_start,
             "bf16": args.bf16,
             "average_decay": args.average_decay,
             "film_jitter": args.film_jitter,
+            "favour": args.favour,
             "seed": args.seed,
             "hours": round(self.budget.seconds() / 3600, 2),
             "validation_psnr": self.validation,
@@ -196,7 +200,7 @@ class Trainer:
         color, aux, target = (t.to(self.device, non_blocking=True) for t in share)
         with torch.autocast(self.device.type, torch.bfloat16, enabled=self.args.bf16):
             residual = self.model(color, aux)
-        errors = relative_l2(color + residual.float(), target, self.args.delta)
+        errors = relative_l2(color + residual.float(), target, self.args.delta, self.args.bright)
         weight = len(color) / self.args.batch
         gradients = torch.autograd.grad(balanced(errors, self.args.knee) * weight, self.parameters)
         return errors.detach().mean().item() * weight, gradients
@@ -242,7 +246,7 @@ class Trainer:
         held = set(filter(None, args.hold_out.split(",")))
         self.train_views = load_views(args.data, without=held)
         self.held_out = load_views(args.data, scenes=held)
-        stream = TrainingSet(self.train_views, args.seed + self.step)
+        stream = TrainingSet(self.train_views, args.seed + self.step, Augmentation(favour=args.favour))
         ignore = lambda _: signal.signal(signal.SIGINT, signal.SIG_IGN)
         loader = torch.utils.data.DataLoader(
             stream, args.batch, num_workers=args.workers, worker_init_fn=ignore, pin_memory=self.device.type == "cuda"
@@ -283,11 +287,13 @@ def parse(argv=None):
     p.add_argument("--beta2", type=float, default=0.999, help="of AdamW; less suits short runs")
     p.add_argument("--warm-up", type=int, default=200, help="steps")
     p.add_argument("--delta", type=float, default=0.5, help="relative error from which the loss is linear")
+    p.add_argument("--bright", type=float, default=1.0, help="log radiance from which the loss takes errors as relative already")
     p.add_argument("--knee", type=float, default=math.inf, help="error of a sample from which it counts by its logarithm")
     p.add_argument("--muon", action="store_true", help="train the matrices with Muon")
     p.add_argument("--blur-start", action="store_true", help="start as a blur (see start.py)")
     p.add_argument("--clip", type=float, default=1.0, help="largest gradient norm")
     p.add_argument("--average-decay", type=float, default=0.998, help="of the moving average of the weights")
+    p.add_argument("--favour", type=float, default=0.3, help="a render's chance goes with its sample count to this power")
     p.add_argument("--film-jitter", type=float, default=0.3, help="largest share of another crop in a FiLM mean")
     p.add_argument("--bf16", action="store_true", help="autocast to bfloat16")
     p.add_argument("--device", default="cuda" if torch.cuda.is_available() else "cpu")
