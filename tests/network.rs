@@ -3,7 +3,7 @@
 mod common;
 
 use common::case::{KERNEL_LIMIT, PREPROCESSING};
-use common::compare::{max_error, nmse};
+use common::compare::{max_error, nmse, rms};
 use common::device::{assert_no_validation_messages, device};
 use common::golden::Golden;
 use common::network::{bench_of, crop, download, mirrored, network_range, plan_of, run_and_assert_shares, wide};
@@ -81,7 +81,8 @@ fn every_network_is_pytorch_and_the_reference() {
     for name in Arch::NAMES {
         let weights = hashed(name, golden.number("seed") as u64);
         let found = residual_of_golden_inputs(&golden, "", &weights);
-        let pytorch = nmse(&found, &wide(golden.tensor(&format!("residual.{name}"))));
+        let theirs = wide(golden.tensor(&format!("residual.{name}")));
+        let (pytorch, far_from_pytorch) = (nmse(&found, &theirs), max_error(&found, &theirs));
         assert!(pytorch <= NETWORK_LIMIT, "{name}: NMSE {pytorch:.1e} to PyTorch");
 
         let mut denoiser = Denoiser::new(device(), &weights, &Options::default()).unwrap();
@@ -91,7 +92,12 @@ fn every_network_is_pytorch_and_the_reference() {
         (0..network_range(&plan).start).for_each(|i| reference.run_dispatch(i));
         run_and_assert_shares(&mut reference, &plan, &weights);
         let nmse = padded_nmse(&found, &reference, &plan);
-        println!("{name}: NMSE {nmse:.1e}, to PyTorch {pytorch:.1e}");
+        let expected = crop(&reference.view(&plan.residual), plan.padded, plan.padded);
+        let far = max_error(&crop(&found, plan.padded, plan.padded), &expected);
+        println!(
+            "{name}: NMSE {nmse:.1e}, largest error {far:.1e} of {:.1}; PyTorch {pytorch:.1e}, {far_from_pytorch:.1e}",
+            rms(&expected)
+        );
         assert!(nmse <= NETWORK_LIMIT, "{name}: NMSE {nmse:.1e}");
     }
     assert_no_validation_messages();
