@@ -85,6 +85,8 @@ pub struct Report {
     /// Milliseconds of the whole call on the host: copies, device, wait. The first call of a size also plans, allocates
     /// and compiles.
     pub total_ms: f64,
+    /// Share of the FLOPs of the whole frame's pass that were computed: 1, or less with [`Denoiser::set_region`].
+    pub work: f64,
     /// Device memory of arena, weights and staging, in bytes.
     pub device_bytes: u64,
 }

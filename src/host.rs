@@ -29,6 +29,8 @@ pub(crate) struct HostPass {
     binding: Option<(Present, Binding)>,
     /// What the command buffer holds now; it is recorded again only when this changes.
     recorded: Option<(Present, FrameOptions, bool)>,
+    /// Share of the whole frame's work that it does.
+    work: f64,
     /// Of one slot; made when profiling is first wanted.
     profiler: Option<Profiler>,
     /// What the last run measured.
@@ -57,6 +59,7 @@ impl HostPass {
             submission: Submission::new(device)?,
             binding: None,
             recorded: None,
+            work: 0.0,
             profiler: None,
             records: Vec::new(),
             engine: Arc::clone(engine),
@@ -114,6 +117,7 @@ impl HostPass {
         Ok(Report {
             exposure: stats.get(3).copied().unwrap_or(f32::NAN),
             gpu_ms,
+            work: self.work,
             total_ms: started.elapsed().as_secs_f64() * 1e3,
             device_bytes: self.engine.device.memory_bytes(),
         })
@@ -160,6 +164,7 @@ impl HostPass {
             _ => self.bind(present)?,
         };
         self.recorded = None;
+        self.work = self.pass.work(options)?;
         let (stats, stats_offset, stats_bytes) = self.pass.location(self.pass.plan().stats);
         let copy = [vk::BufferCopy {
             src_offset: stats_offset,

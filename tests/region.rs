@@ -6,8 +6,8 @@ use common::case::PREPROCESSING;
 use common::device::{assert_no_validation_messages, device};
 use common::random::Random;
 use vkdenoise::kernels::{Call, Tiles};
-use vkdenoise::net::{Arch, Block, Bottleneck, Decoder, StageSpec};
 use vkdenoise::net::graph::{Graph, Stage};
+use vkdenoise::net::{Arch, Block, Bottleneck, Decoder, StageSpec};
 use vkdenoise::plan::{Plan, PlanOptions, plan};
 use vkdenoise::{Denoiser, Error, Extent, Features, Frame, Layout, Options, Plane, PlaneMut, Region, Weights};
 
@@ -73,7 +73,10 @@ fn a_region_outside_the_frame_is_refused() {
 
 /// Denoises random rectangles of a frame and compares them with the whole; `VKDENOISE_REGIONS` gives their number.
 fn check_rectangles(weights: &Weights, extent: Extent, seed: u64, inactive: &[Stage]) {
-    let count = std::env::var("VKDENOISE_REGIONS").ok().and_then(|n| n.parse().ok()).unwrap_or(if extent.width > 1000 { 3 } else { 12 });
+    let count = std::env::var("VKDENOISE_REGIONS")
+        .ok()
+        .and_then(|n| n.parse().ok())
+        .unwrap_or(if extent.width > 1000 { 3 } else { 12 });
     let mut random = Random::new(seed);
     let color = random.values(3 * extent.pixels() as usize, 0.0, 2.0);
     let depth = random.values(extent.pixels() as usize, 1.0, 9.0);
