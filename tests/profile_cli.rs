@@ -87,7 +87,8 @@ fn convolutions_and_blocks_of_every_form() {
     assert_eq!(found, expected.map(|(form, kernel)| (form.to_owned(), kernel.to_owned())));
     // 64x64 tokens of 16 channels: 9 and 1 products for each pair of channels, 9 for each channel.
     let tokens = 64.0 * 64.0;
-    let (standard, depthwise, pointwise) = (2.0 * 9.0 * 256.0 * tokens, 2.0 * 9.0 * 16.0 * tokens, 2.0 * 256.0 * tokens);
+    let (standard, depthwise, pointwise) =
+        (2.0 * 9.0 * 256.0 * tokens, 2.0 * 9.0 * 16.0 * tokens, 2.0 * 256.0 * tokens);
     let flops = [standard, standard, standard, depthwise, pointwise, depthwise + pointwise];
     for (row, flops) in kernels.iter().zip(flops) {
         assert!((number(row, "/gflop") * 1e9 - flops).abs() < 0.5, "{row}");

@@ -16,3 +16,6 @@ const float NO_LIGHT = -1e31;            // log-luminance of a tile without ligh
 const float TILE_CAP = 64.0;
 const float TILE_FLOOR = 1.0 / 1024.0;
 const float BAD_PIXEL = 1e8;             // times the key
+// A pixel of more than so many keys is bad if it is also more than so many times its second-brightest neighbour.
+const float ISOLATED_KEYS = 1e3;
+const float ISOLATED_RATIO = 100.0;

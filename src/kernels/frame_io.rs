@@ -18,6 +18,9 @@ fn plane_flags(plane: &PlaneArgs, present: u32, half: u32) -> u32 {
 }
 
 /// Colour to `log1p(colour * exposure)`: bad pixels mended, reflected into the padding. One group per tile.
+///
+/// A pixel is bad that is not finite, negative, of a channel above 1e8 keys, or isolated: its brightest channel is above 1000
+/// keys and 100 times that of its second-brightest neighbour. It takes the mean of its good neighbours among the 3x3, else 0.
 #[derive(Clone, Debug, PartialEq)]
 pub struct InputColor {
     /// The statistics.

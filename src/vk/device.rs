@@ -170,16 +170,12 @@ impl Device {
             .enabled_features(&features)
             .push_next(&mut features12)
             .push_next(&mut features11);
-        let statistics =
-            options.pipeline_statistics && caps::has_pipeline_statistics(&instance.raw, physical);
+        let statistics = options.pipeline_statistics && caps::has_pipeline_statistics(&instance.raw, physical);
         let extensions = [khr::pipeline_executable_properties::NAME.as_ptr()];
         let mut executables =
             vk::PhysicalDevicePipelineExecutablePropertiesFeaturesKHR::default().pipeline_executable_info(true);
-        let create = if statistics {
-            create.enabled_extension_names(&extensions).push_next(&mut executables)
-        } else {
-            create
-        };
+        let create =
+            if statistics { create.enabled_extension_names(&extensions).push_next(&mut executables) } else { create };
         // SAFETY: extension and features were reported by this physical device; the pointers outlive the call.
         let raw = unsafe { instance.raw.create_device(physical, &create, None) }.called("vkCreateDevice")?;
         let raw = patch(raw);

@@ -302,17 +302,16 @@ impl<'a> RendererImage<'a> {
         let fence = renderer.submit(|commands| {
             let undefined = vk::ImageLayout::UNDEFINED;
             let transfer = (vk::PipelineStageFlags::TRANSFER, vk::AccessFlags::TRANSFER_WRITE);
-            image.transition(commands, undefined, (vk::PipelineStageFlags::TOP_OF_PIPE, vk::AccessFlags::empty()), transfer);
+            image.transition(
+                commands,
+                undefined,
+                (vk::PipelineStageFlags::TOP_OF_PIPE, vk::AccessFlags::empty()),
+                transfer,
+            );
             // SAFETY: the command buffer is recording; image and staging live until the fence.
             unsafe {
                 let copy = [image.region()];
-                renderer.device.cmd_copy_buffer_to_image(
-                    commands,
-                    staging.raw,
-                    raw,
-                    vk::ImageLayout::GENERAL,
-                    &copy,
-                );
+                renderer.device.cmd_copy_buffer_to_image(commands, staging.raw, raw, vk::ImageLayout::GENERAL, &copy);
             }
             let compute =
                 (vk::PipelineStageFlags::COMPUTE_SHADER, vk::AccessFlags::SHADER_READ | vk::AccessFlags::SHADER_WRITE);
