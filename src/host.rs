@@ -115,7 +115,7 @@ impl HostPass {
         }
         let stats = &bytemuck::cast_slice::<u8, f32>(self.output.bytes())[OUTPUT_FLOATS as usize * pixels..];
         Ok(Report {
-            exposure: stats.get(3).copied().unwrap_or(f32::NAN),
+            exposure: stats.get(2).copied().unwrap_or(f32::NAN),
             gpu_ms,
             work: self.work,
             total_ms: started.elapsed().as_secs_f64() * 1e3,
