@@ -50,11 +50,17 @@ pub struct FrameOptions {
     /// The pixels that are wanted; `None`: all. Only what they depend on is computed and only they are written, with the
     /// bits that they have in the whole frame.
     pub region: Option<Region>,
+    /// Whether albedo, normal and depth are those of the last recording of the pass that ran without this. What depends on
+    /// them alone is not computed again and they are not read; the result has the same bits. For denoisers made with
+    /// [`crate::Options::keep_features`].
+    ///
+    /// Where they are not the same, the result belongs to no frame.
+    pub features_unchanged: bool,
 }
 
 impl Default for FrameOptions {
     fn default() -> Self {
-        Self { exposure: Exposure::Auto, blend: 0.0, region: None }
+        Self { exposure: Exposure::Auto, blend: 0.0, region: None, features_unchanged: false }
     }
 }
 
@@ -122,9 +128,21 @@ impl Pass {
     /// What runs of the plan.
     fn dispatches(&self, options: &FrameOptions) -> Result<Cow<'_, [Dispatch]>> {
         options.check()?;
-        let Some(region) = options.region else { return Ok(Cow::Borrowed(&self.plan.dispatches)) };
-        region.check(self.plan.extent)?;
-        Ok(Cow::Owned(self.plan.of_region(region)))
+        let mut dispatches = Cow::Borrowed(&self.plan.dispatches[..]);
+        if let Some(region) = options.region {
+            region.check(self.plan.extent)?;
+            dispatches = self.plan.of_region(region).into();
+        }
+        if options.features_unchanged {
+            if !self.plan.keeps_features {
+                return Err(Error::InvalidOption {
+                    option: "features_unchanged",
+                    reason: "nothing was kept; make the denoiser with Options::keep_features".into(),
+                });
+            }
+            dispatches = self.plan.with_kept_features(dispatches.into_owned()).into();
+        }
+        Ok(dispatches)
     }
 
     /// Resolves a frame in the renderer's buffers. Not for the frame's hot path: it may compile kernels.

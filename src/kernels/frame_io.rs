@@ -64,6 +64,10 @@ impl Kernel for InputColor {
         })
     }
 
+    fn reads_color(&self) -> bool {
+        true
+    }
+
     fn traffic(&self, element: u64) -> Traffic {
         Traffic {
             reads: vec![(self.stats, STATS_FLOATS * 4)],
@@ -189,6 +193,10 @@ impl Kernel for Output {
             flags: self.tiles.flags(self.width),
             blend: at.frame.blend,
         })
+    }
+
+    fn reads_color(&self) -> bool {
+        true
     }
 
     fn traffic(&self, element: u64) -> Traffic {

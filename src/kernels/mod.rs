@@ -205,6 +205,10 @@ pub trait Kernel {
     fn texels(&self) -> Vec<TexelRange> {
         Vec::new()
     }
+    /// Whether its result depends on the frame's colour, or on what may change with every frame: exposure and blend.
+    fn reads_color(&self) -> bool {
+        false
+    }
     /// Memory that it touches. `element` is the size of an activation in bytes.
     fn traffic(&self, element: u64) -> Traffic;
 }

@@ -100,6 +100,10 @@ impl Kernel for Histogram {
         })
     }
 
+    fn reads_color(&self) -> bool {
+        self.counted == Counted::Luminance
+    }
+
     fn traffic(&self, _: u64) -> Traffic {
         let all = (self.histogram, HISTOGRAM_BYTES);
         Traffic { reads: vec![all], writes: vec![all] }
@@ -187,6 +191,10 @@ impl Kernel for TileMeans {
         })
     }
 
+    fn reads_color(&self) -> bool {
+        true
+    }
+
     fn traffic(&self, _: u64) -> Traffic {
         Traffic { reads: vec![(self.stats, 4)], writes: vec![(self.dst, u64::from(self.tiles()) * 4)] }
     }
@@ -219,6 +227,10 @@ impl Kernel for Key {
             tile_count: self.tiles,
             fixed_exposure: at.frame.exposure.unwrap_or(0.0),
         })
+    }
+
+    fn reads_color(&self) -> bool {
+        true
     }
 
     fn traffic(&self, _: u64) -> Traffic {

@@ -3,7 +3,7 @@
 use super::arena::{self, Request};
 use super::choices::{PlanOptions, SeparableForm, conv_pack, fuse, is_separable};
 use super::pack::{Pack, linear_outputs};
-use super::{Buffer, Dispatch, ELEMENT_BYTES, Place, Plan, hazards};
+use super::{Buffer, Dispatch, ELEMENT_BYTES, Place, Plan, features, hazards};
 use crate::error::{Error, Result};
 use crate::frame::{Extent, Region};
 use crate::kernels::stats::Counted;
@@ -157,7 +157,15 @@ impl<'a> Lowering<'a> {
     }
 
     fn push(&mut self, name: &str, stage: Stage, flops: u64, call: Call) {
-        self.dispatches.push(Dispatch { name: name.to_owned(), stage, call, barrier: false, flops });
+        self.dispatches.push(Dispatch {
+            name: name.to_owned(),
+            stage,
+            call,
+            barrier: false,
+            flops,
+            of_features: false,
+            skipped: false,
+        });
     }
 
     /// Statistics of the frame, and its maps.
@@ -354,6 +362,12 @@ impl<'a> Lowering<'a> {
     /// block holds.
     fn finish(mut self, kept: &[BufferId]) -> Result<Plan, u64> {
         let options = self.options;
+        let buffers = &self.buffers;
+        features::mark(&mut self.dispatches, |id| matches!(buffers[id.0].place, Place::Weights { .. }));
+        let kept = match options.keep_features {
+            true => [kept, &features::kept(&self.dispatches)].concat(),
+            false => kept.to_vec(),
+        };
         let end = self.dispatches.len();
         let mut times: Vec<Option<(usize, usize)>> = vec![None; self.buffers.len()];
         for (at, dispatch) in self.dispatches.iter().enumerate() {
@@ -391,6 +405,7 @@ impl<'a> Lowering<'a> {
             blocks,
             weights_bytes: self.weights_bytes,
             stats: self.stats,
+            keeps_features: options.keep_features,
         })
     }
 }

@@ -17,15 +17,23 @@ use std::collections::HashMap;
 
 impl Plan {
     /// The dispatches, each over the tiles that the pixels of `region` depend on, their FLOPs in proportion. Those that
-    /// the pixels do not depend on keep their place with no tiles. What is written has the bits of the whole frame's pass.
+    /// the pixels do not depend on are skipped. What is written has the bits of the whole frame's pass. Where the plan keeps
+    /// what depends on the features alone, that is the whole frame's: the next frame may want another region.
     pub fn of_region(&self, region: Region) -> Vec<Dispatch> {
         let mut dispatches = self.dispatches.clone();
         let mut needed = Needed::default();
         for dispatch in dispatches.iter_mut().rev() {
+            if self.keeps_features && dispatch.of_features {
+                continue;
+            }
             restrict(&mut dispatch.call, region, &mut needed);
             if let Some((tiles, width, height)) = dispatch.call.tiles() {
                 let all = u64::from(Tiles::All.count(width, height)).max(1);
-                dispatch.flops = dispatch.flops * u64::from(tiles.count(width, height)) / all;
+                let count = tiles.count(width, height);
+                dispatch.flops = dispatch.flops * u64::from(count) / all;
+                if count == 0 {
+                    dispatch.skip();
+                }
             }
         }
         dispatches
