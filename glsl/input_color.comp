@@ -28,7 +28,7 @@ layout(push_constant) uniform Push {
     uint width;
     uint height;
     uint dst_width;
-    uint first_tile;      // x | y << 16
+    uint first_tile;      // x | y << 16, in half tiles
     uint tile_count;
     uint flags;
 };
@@ -75,7 +75,7 @@ const float MAX_EXPOSED = 65504.0;
 void main() {
     uint slot = group_index();
     if (slot >= tile_count) return;
-    uvec2 to = tile_position(slot, first_tile, flags, tiles) * 8u;
+    uvec2 to = tile_origin(slot, first_tile, flags, tiles);
     to += uvec2(gl_LocalInvocationID.x % 8u, gl_LocalInvocationID.x / 8u);
     uvec2 at = uvec2(reflect_index(to.x, width), reflect_index(to.y, height));
 

@@ -1,7 +1,6 @@
-// Statistics of the frame.
+// Statistics of the colour.
 layout(buffer_reference, std430, buffer_reference_align = 4) buffer Stats {
     float median;         // luminance of the median lit pixel; 0 where there is none
-    float depth_scale;
     float key;
     float exposure;
 };

@@ -2,7 +2,7 @@
 
 use super::Reference;
 use super::map::Map;
-use super::stats::{DEPTH_SCALE, EXPOSURE, KEY};
+use super::stats::{EXPOSURE, KEY};
 use super::tiles;
 use crate::frame::{Extent, Frame, Plane, Samples};
 use crate::kernels::frame_io::{InputAux, InputColor, Output};
@@ -147,7 +147,7 @@ pub fn input_color(reference: &mut Reference, call: &InputColor) {
 
 /// Albedo, normal, depth and a zero, reflected into the padding.
 pub fn input_aux(reference: &mut Reference, call: &InputAux) {
-    let depth_scale = reference.buffer(call.stats)[DEPTH_SCALE];
+    let depth_scale = reference.buffer(call.depth_scale)[0];
     let frame = &reference.frame;
     let mut map = Map::zeros(call.dst.width as usize, call.dst.height as usize, call.dst.channels as usize);
     fill(&mut map, call.width, call.height, |x, y, token| {
