@@ -35,6 +35,7 @@ impl Engine {
             // No other form is faster on every device measured.
             conv: options.conv.unwrap_or_default(),
             separable: options.separable.unwrap_or_default(),
+            keep_features: options.keep_features,
             ..PlanOptions::default()
         };
         let graph = Graph::new(weights.arch()).map_err(WeightsError::from)?;

@@ -275,7 +275,7 @@ fn add_attention(cases: &mut Cases, (heads, keys, values): (u32, u32, u32), scal
         heads,
         key_width: keys,
         value_width: values,
-        tiles: cases.tiles(size),
+        tiles: cases.windows(size),
     };
     cases.add(Call::WindowAttention(call), dst.buffer);
 }

@@ -82,14 +82,14 @@ push_constants! {
 }
 
 push_constants! {
-    /// Zeroes the frame's histograms.
-    StatsClearPush { histograms: Address, count: U32, unused: U32 }
+    /// Zeroes a histogram.
+    StatsClearPush { histogram: Address, count: U32, unused: U32 }
 }
 
 push_constants! {
-    /// Histograms of luminance and depth.
+    /// Histogram of luminance or depth.
     StatsHistogramPush {
-        color: Address, depth: Address, histograms: Address,
+        color: Address, depth: Address, histogram: Address,
         color_offset: U32, color_pixel: U32, color_row: U32, color_channel: U32,
         depth_offset: U32, depth_pixel: U32, depth_row: U32,
         width: U32, height: U32, flags: U32,
@@ -97,8 +97,8 @@ push_constants! {
 }
 
 push_constants! {
-    /// Median luminance and depth scale, from the histograms.
-    StatsSelectPush { histograms: Address, stats: Address }
+    /// Median luminance or depth scale, from the histogram.
+    StatsSelectPush { histogram: Address, dst: Address, of_depth: U32, unused: U32 }
 }
 
 push_constants! {
@@ -127,7 +127,7 @@ push_constants! {
 push_constants! {
     /// Albedo, normal and depth to the network's input.
     InputAuxPush {
-        albedo: Address, normal: Address, depth: Address, stats: Address, dst: Address, tiles: Address,
+        albedo: Address, normal: Address, depth: Address, depth_scale: Address, dst: Address, tiles: Address,
         albedo_offset: U32, albedo_pixel: U32, albedo_row: U32, albedo_channel: U32,
         normal_offset: U32, normal_pixel: U32, normal_row: U32, normal_channel: U32,
         depth_offset: U32, depth_pixel: U32, depth_row: U32,
@@ -283,14 +283,14 @@ contracts! {
     TOKEN_SUM = "token_sum" "token_sum.comp" TokenSumPush {} &[], &[];
     /// FiLM vectors.
     FILM_VECTOR = "film_vector" "film_vector.comp" FilmVectorPush {} &[], &[];
-    /// Histograms to zero.
+    /// A histogram to zero.
     STATS_CLEAR = "stats_clear" "stats_clear.comp" StatsClearPush {} &[], &[];
-    /// Histograms.
+    /// Histogram.
     STATS_HISTOGRAM = "stats_histogram" "stats_histogram.comp" StatsHistogramPush {} &[], &[];
-    /// Histograms of images.
+    /// Histogram of an image.
     STATS_HISTOGRAM_IMAGE = "stats_histogram_image" "stats_histogram.comp" StatsHistogramPush
         { "IMAGES": "1" } COLOR_DEPTH_IMAGES, &[];
-    /// Median and depth scale.
+    /// Median or depth scale.
     STATS_SELECT = "stats_select" "stats_select.comp" StatsSelectPush {} &[], &[];
     /// Log-luminance of tiles.
     STATS_TILES = "stats_tiles" "stats_tiles.comp" StatsTilesPush {} &[], &[];
