@@ -26,20 +26,6 @@ fn hashed(name: &str, seed: u64) -> Weights {
     Weights::hashed(&Arch::named(name).unwrap(), PREPROCESSING, seed).unwrap()
 }
 
-/// A golden file's planes as a frame. `prefix` names the crop.
-fn golden_frame(golden: &Golden, prefix: &str) -> TestFrame {
-    let extent = golden.extent(&format!("{prefix}color"));
-    let plane =
-        |name: &str, channels| TestPlane::packed(extent, channels, golden.tensor(&format!("{prefix}{name}")).to_vec());
-    TestFrame {
-        extent,
-        color: plane("color", 3),
-        albedo: Some(plane("albedo", 3)),
-        normal: Some(plane("normal", 3)),
-        depth: Some(plane("depth", 1)),
-    }
-}
-
 /// The engine's residual for a golden file's own network inputs, cropped.
 fn residual_of_golden_inputs(golden: &Golden, prefix: &str, weights: &Weights) -> Vec<f32> {
     let (color, aux) = (format!("{prefix}log_color"), format!("{prefix}aux"));
@@ -77,7 +63,7 @@ fn engine_residual(denoiser: &mut Denoiser, frame: &Frame) -> (Vec<f32>, Plan) {
 #[test]
 fn every_network_is_pytorch_and_the_reference() {
     let golden = Golden::read("golden_random.safetensors");
-    let frame = golden_frame(&golden, "");
+    let frame = golden.frame("");
     for name in Arch::NAMES {
         let weights = hashed(name, golden.number("seed") as u64);
         let found = residual_of_golden_inputs(&golden, "", &weights);
@@ -162,11 +148,7 @@ fn assert_every_dispatch(name: &str, frame: &TestFrame, weights: &Weights) {
 fn every_kernel_on_real_input() {
     let golden = Golden::read("golden_hybrid.safetensors");
     for prefix in ["square.", "odd."] {
-        assert_every_dispatch(
-            &format!("hybrid, {prefix}"),
-            &golden_frame(&golden, prefix),
-            &Weights::hybrid().unwrap(),
-        );
+        assert_every_dispatch(&format!("hybrid, {prefix}"), &golden.frame(prefix), &Weights::hybrid().unwrap());
     }
 }
 
@@ -260,7 +242,7 @@ fn every_kind_of_frame_is_the_reference() {
 fn brightness_does_not_matter() {
     let (golden, weights) = (Golden::read("golden_hybrid.safetensors"), Weights::hybrid().unwrap());
     let mut denoiser = Denoiser::new(device(), &weights, &Options::default()).unwrap();
-    let frame = golden_frame(&golden, "square.");
+    let frame = golden.frame("square.");
     let key = golden.number("square.key");
     let plain = denoised(&mut denoiser, &frame.frame());
     for factor in [1e-4, 1e4] {
