@@ -5,7 +5,7 @@ mod budget;
 mod common;
 
 use budget::{measure, residual, table};
-use common::case::variants;
+use common::case::{MATRIX_LIMIT, variants};
 use common::device::{assert_no_validation_messages, device};
 use vkdenoise::exr_io::{ExrFrame, LayerOptions};
 use vkdenoise::kernels::winograd::WinogradTile;
@@ -15,6 +15,8 @@ use vkdenoise::{Extent, Frame, Weights};
 
 /// What the network's residual may be wrong by: NMSE.
 const RESIDUAL_LIMIT: f64 = 1e-9;
+/// The same on matrices: what one kernel may be wrong by, for each of the forty that follow one another in the Hybrid.
+const MATRIX_RESIDUAL_LIMIT: f64 = 40.0 * MATRIX_LIMIT;
 
 #[test]
 fn every_algorithm_keeps_its_budget_on_a_real_frame() {
@@ -31,11 +33,12 @@ fn every_algorithm_keeps_its_budget_on_a_real_frame() {
     for (variants, forms) in variants().into_iter().map(|variants| (variants, direct)).chain(forms) {
         let lines = measure(device(), &weights, &frame, variants, &forms).unwrap();
         let last = residual(&lines).unwrap();
-        println!("CPU kernels {}, {:?}: {:.1e} in {}", variants.cpu, forms.conv, last.nmse, last.name);
-        assert!(last.name.starts_with("output") && last.nmse <= RESIDUAL_LIMIT, "{last:?}");
+        let limit = if variants.matrix { MATRIX_RESIDUAL_LIMIT } else { RESIDUAL_LIMIT };
+        println!("{variants:?}, {:?}: {:.1e} in {}", forms.conv, last.nmse, last.name);
+        assert!(last.name.starts_with("output") && last.nmse <= limit, "{last:?}");
         for line in &lines {
             // An error may be larger on its way than at the end, where it meets the whole residual; not by much.
-            assert!(line.nmse <= 10.0 * RESIDUAL_LIMIT, "{line:?}");
+            assert!(line.nmse <= 10.0 * limit, "{line:?}");
             assert!(line.largest > 0.0 && line.half_range < 1.0, "{line:?}");
         }
         assert_eq!(table::markdown(&lines).lines().count(), lines.len() + 2);
