@@ -10,6 +10,7 @@ use crate::plan::{ConvAlgorithm, SeparableForm};
 use crate::profile::KernelRecord;
 use crate::vk::device::Device;
 use crate::vk::statistics::PipelineStatistic;
+use crate::vk::timestamps::Timestamps;
 use std::fmt;
 use std::str::FromStr;
 use std::sync::Arc;
@@ -161,9 +162,8 @@ impl Denoiser {
     /// # Errors
     /// [`Error::Unsupported`] where the device has no timestamps.
     pub fn set_profiling(&mut self, profiling: bool) -> Result<()> {
-        if profiling && !self.device().has_timestamps() {
-            let device = self.device().info().name.clone();
-            return Err(Error::Unsupported { device, missing: "timestamps on the queue (timestampValidBits)".into() });
+        if profiling {
+            Timestamps::check(self.device())?;
         }
         self.profiling = profiling;
         Ok(())

@@ -114,6 +114,20 @@ fn convolutions_and_blocks_of_every_form() {
 }
 
 #[test]
+fn without_timestamps_it_says_so_and_times_whole_passes() {
+    let small = ["--repeat", "2", "--host-clock"];
+    let table = |arguments: &[&str]| String::from_utf8(run(&[arguments, &small].concat())).unwrap();
+    for arguments in [&["network", "--size", "16"][..], &["conv", "--size", "16", "--channels", "8"]] {
+        let text = table(arguments);
+        assert!(text.contains("No timestamps: whole passes are timed"), "{text}");
+        assert!(!text.contains("NaN") && !text.contains("conv3x3"), "{text}");
+    }
+    let report = json(&run(&[&["network", "--size", "16", "--json"][..], &small].concat()));
+    assert_eq!(report["session"]["timestamps"], false);
+    assert!(number(&report, "/pass_ms/min") > 0.0 && report["kernels"].as_array().unwrap().is_empty());
+}
+
+#[test]
 fn nonsense_is_refused() {
     for arguments in [&["network", "--arch", "unet"][..], &["network", "--size", "0x5"], &["roof", "--repeat", "0"]] {
         let output = Command::new(env!("CARGO_BIN_EXE_vkdenoise-profile")).args(arguments).output().unwrap();

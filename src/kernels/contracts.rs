@@ -4,7 +4,7 @@
 //! Strides and channel counts named `*_stride` and `*_channels` count vectors of four channels where maps are meant,
 //! and samples where the caller's planes are meant.
 
-use super::contract::{Binding, BindingType, Contract, Need, push_constants};
+use super::contract::{Binding, BindingType, Constant, ConstantValue, Contract, Need, push_constants};
 
 push_constants! {
     /// Dense 3x3 convolution.
@@ -164,10 +164,6 @@ push_constants! {
     RoofCopyPush { src: Address, dst: Address }
 }
 
-/// Variants that differ only in what a shader is compiled for.
-const BASE: Contract =
-    Contract { name: "", source: "", defines: &[], push: &[], bindings: &[], constants: &[], needs: &[] };
-
 const COLOR_IMAGE: &[Binding] = &[Binding { name: "color_image", ty: BindingType::SampledImage }];
 const COLOR_DEPTH_IMAGES: &[Binding] = &[
     Binding { name: "color_image", ty: BindingType::SampledImage },
@@ -211,12 +207,27 @@ const ATTENTION_TEXELS: &[Binding] = &[
     Binding { name: "f_texels", ty: BindingType::TexelBuffer },
 ];
 
+const MATRIX: &[Need] = &[Need::Matrix];
+
+/// As `glsl/shared/matrix.glsl` declares them.
+const MATRIX_CONSTANTS: &[Constant] = &[
+    Constant { name: "INVOCATIONS", value: ConstantValue::Subgroups(MATRIX_SUBGROUPS) },
+    Constant { name: "ROWS", value: ConstantValue::MatrixRows },
+    Constant { name: "COLUMNS", value: ConstantValue::MatrixColumns },
+    Constant { name: "DEPTH", value: ConstantValue::MatrixDepth },
+];
+
+/// Subgroups of a workgroup of the matrix kernels.
+pub const MATRIX_SUBGROUPS: u32 = 4;
+
 macro_rules! contracts {
+    (@constants) => { &[] };
+    (@constants $constants:expr) => { $constants };
     ($($(#[$meta:meta])* $konst:ident = $name:literal $source:literal $push:ident
-       { $($key:literal : $value:literal),* } $bindings:expr, $needs:expr;)*) => {
+       { $($key:literal : $value:literal),* } $bindings:expr, $needs:expr $(, $constants:expr)?;)*) => {
         $($(#[$meta])* pub const $konst: Contract = Contract {
             name: $name, source: $source, defines: &[$(($key, $value)),*], push: $push::FIELDS,
-            bindings: $bindings, needs: $needs, ..BASE
+            bindings: $bindings, needs: $needs, constants: contracts!(@constants $($constants)?),
         };)*
         /// Every variant that the build compiles.
         pub const ALL: &[&Contract] = &[$(&$konst),*];
@@ -323,6 +334,8 @@ contracts! {
     ROOF_FMA_F32 = "roof_fma_f32" "roof_fma.comp" RoofFmaPush {} &[], &[];
     /// Multiply-adds of pairs of halves.
     ROOF_FMA_F16 = "roof_fma_f16" "roof_fma.comp" RoofFmaPush { "HALF": "1" } &[], &[Need::Float16];
+    /// Products of matrices of halves.
+    ROOF_MATRIX = "roof_matrix" "roof_matrix.comp" RoofFmaPush {} &[], MATRIX, MATRIX_CONSTANTS;
     /// A copy of 32-bit floats.
     ROOF_COPY_F32 = "roof_copy_f32" "roof_copy.comp" RoofCopyPush {} &[], &[];
     /// A copy of halves.
