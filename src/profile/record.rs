@@ -20,6 +20,8 @@ pub struct KernelRecord {
     pub matrix: bool,
     /// Size of the result and channels.
     pub shape: Shape,
+    /// Whether it was left out, as nothing depended on it or its result was known; it then has no FLOPs, groups or bytes.
+    pub skipped: bool,
     /// Workgroups.
     pub groups: [u32; 3],
     /// Multiplications and additions of the network's own channels, as [`crate::net::cost`] counts them: what the op
@@ -52,6 +54,7 @@ impl KernelRecord {
             variant: contract.name,
             matrix: contract.needs_matrix(),
             shape: Shape::of(&dispatch.call),
+            skipped: dispatch.skipped,
             groups: if dispatch.skipped { [0; 3] } else { kernel.groups(variants) },
             flops: dispatch.flops,
             bytes_read: bytes(&traffic.reads),
