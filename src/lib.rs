@@ -77,4 +77,5 @@ pub use pass::{Binding, FrameOptions, Pass};
 pub use profile::{KernelRecord, Profiler};
 pub use renderer::{BufferFrame, BufferPlane, ImageFormat, ImageFrame, ImagePlane, SampleFormat};
 pub use vk::caps::{DeviceInfo, DeviceKind, Requirements};
-pub use vk::device::{Device, DeviceOptions, DeviceSelector, RendererDevice};
+pub use vk::device::{Device, DeviceOptions, RendererDevice};
+pub use vk::selector::DeviceSelector;
