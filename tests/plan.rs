@@ -146,7 +146,7 @@ fn what_does_not_fit_is_an_error() {
 /// The order is the contract's; a missing range would leave a descriptor unwritten.
 #[test]
 fn every_texel_buffer_of_a_contract_has_its_range() {
-    let variants = Variants { cpu: true, images: false, output_half: false };
+    let variants = Variants { cpu: true, matrix: false, images: false, output_half: false };
     for (name, plan) in plans(Extent::new(600, 128)) {
         for dispatch in lists(&plan).concat() {
             let kernel = dispatch.call.kernel();

@@ -1,6 +1,8 @@
 //! How often a kernel's invocations ask for memory, counted from the loops of its shader: what caches have to serve, where
 //! [`super::Traffic`] is what memory has to.
 
+mod matrix;
+
 use super::contract::Contract;
 use super::dense::{Conv3x3, Linear};
 use super::expand::Expand;
@@ -47,6 +49,8 @@ impl Call {
     pub fn accesses(&self, variants: Variants) -> Option<Accesses> {
         let contract = self.kernel().contract(variants);
         Some(match self {
+            Self::Conv3x3(k) if contract.needs_matrix() => matrix::conv3x3(k),
+            Self::Linear(k) if contract.needs_matrix() => matrix::linear(k),
             Self::Conv3x3(k) => conv3x3(k, contract),
             Self::Winograd3x3(k) => winograd3x3(k, contract),
             Self::Linear(k) => linear(k, contract),

@@ -275,6 +275,12 @@ contracts! {
     /// The same for CPU drivers.
     LINEAR_CPU = "linear_cpu" "linear.comp" LinearPush
         { "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_SHARED": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU;
+    /// Convolution on cooperative matrices, stride 1.
+    CONV3X3_MATRIX = "conv3x3_matrix" "conv3x3_matrix.comp" Conv3x3Push { "STRIDE": "1" } &[], MATRIX, MATRIX_CONSTANTS;
+    /// Convolution on cooperative matrices, stride 2.
+    CONV3X3_S2_MATRIX = "conv3x3_s2_matrix" "conv3x3_matrix.comp" Conv3x3Push { "STRIDE": "2" } &[], MATRIX, MATRIX_CONSTANTS;
+    /// Pointwise convolution on cooperative matrices.
+    LINEAR_MATRIX = "linear_matrix" "linear_matrix.comp" LinearPush {} &[], MATRIX, MATRIX_CONSTANTS;
     /// Depthwise convolution.
     DEPTHWISE3X3 = "depthwise3x3" "depthwise3x3.comp" Depthwise3x3Push { "TX": "4", "TY": "2" } &[], &[];
     /// The same for CPU drivers.

@@ -173,6 +173,8 @@ impl From<BufferId> for TexelRange {
 pub struct Variants {
     /// Kernels shaped for CPU drivers, on which loads cost more than arithmetic.
     pub cpu: bool,
+    /// Dense kernels on cooperative matrices, before those for CPU drivers.
+    pub matrix: bool,
     /// The frame's planes are images instead of buffers.
     pub images: bool,
     /// The output's samples are halves.

@@ -22,6 +22,12 @@ pub const HISTOGRAM_BYTES: u64 = 4 * BINS as u64;
 /// Floats of the statistics: median luminance, key, exposure. The depth scale is one by itself: it depends on the depths
 /// alone.
 pub const STATS_FLOATS: u64 = 3;
+/// Where the median luminance stands among them.
+pub const MEDIAN: usize = 0;
+/// Where the key stands.
+pub const KEY: usize = 1;
+/// Where the exposure stands.
+pub const EXPOSURE: usize = 2;
 
 /// What a histogram counts.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -16,6 +16,8 @@ pub struct KernelRecord {
     pub kernel: &'static str,
     /// The variant of it that ran, e.g. `conv3x3_s2_cpu`.
     pub variant: &'static str,
+    /// Whether it runs on cooperative matrices, whose rate is its roof then.
+    pub matrix: bool,
     /// Size of the result and channels.
     pub shape: Shape,
     /// Whether it was left out, as nothing depended on it or its result was known; it then has no FLOPs, groups or bytes.
@@ -52,6 +54,7 @@ impl KernelRecord {
             stage: dispatch.stage,
             kernel: contract.kernel(),
             variant: contract.name,
+            matrix: contract.needs_matrix(),
             shape: Shape::of(&dispatch.call),
             skipped: dispatch.skipped,
             tiles: dispatch.call.tiles().map(|(tiles, width, height)| {

@@ -2,10 +2,10 @@
 
 use super::Reference;
 use super::map::Map;
-use super::stats::{EXPOSURE, KEY};
 use super::tiles;
 use crate::frame::{Extent, Frame, Plane, Samples};
 use crate::kernels::frame_io::{InputAux, InputColor, Output};
+use crate::kernels::stats::{EXPOSURE, KEY};
 
 /// Exposed colour ends here, and so does an output of halves.
 const LARGEST_HALF: f64 = 65504.0;

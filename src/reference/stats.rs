@@ -5,12 +5,7 @@
 use super::Reference;
 use super::frame_io::{FIREFLY_KEYS, FrameData};
 use super::tiles;
-use crate::kernels::stats::{BINS, Clear, Counted, Histogram, Key, Select, TileMeans};
-
-/// Positions in the statistics.
-const MEDIAN: usize = 0;
-pub const KEY: usize = 1;
-pub const EXPOSURE: usize = 2;
+use crate::kernels::stats::{BINS, Clear, Counted, EXPOSURE, Histogram, KEY, Key, MEDIAN, Select, TileMeans};
 
 /// What an exposed frame's key becomes, and the key of a black frame.
 const MIDDLE_GREY: f64 = 0.18;

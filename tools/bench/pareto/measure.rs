@@ -5,14 +5,12 @@ use super::{Clock, Record, Result};
 use crate::stress::scene::Scene;
 use crate::stress::subject::{Peer, PeerSpec, Tier};
 use cpu_time::ProcessTime;
+use vkdenoise::kernels::stats::EXPOSURE;
 use vkdenoise::metrics::{Comparison, nmse};
 use vkdenoise::net::Graph;
 use vkdenoise::plan::{PlanOptions, plan};
 use vkdenoise::reference::Reference;
 use vkdenoise::{Denoiser, Device, DeviceKind, Extent, Layout, Options, PlaneMut, Weights};
-
-/// Where the exposure stands among the statistics.
-const STATS_EXPOSURE: usize = 3;
 
 /// A network with a name.
 pub struct Network {
@@ -103,7 +101,7 @@ impl Exact {
         let mut reference = Reference::new(&plan, &network.weights)?;
         reference.set_frame(&part.frame(), None, 0.0)?;
         reference.run();
-        let (exposure, color) = (reference.buffer(plan.stats)[STATS_EXPOSURE], reference.output().to_vec());
+        let (exposure, color) = (reference.buffer(plan.stats)[EXPOSURE], reference.output().to_vec());
         Ok(Self { frame: part, exposure, color })
     }
 

@@ -3,7 +3,9 @@
 
 use super::Result;
 use super::random::Random;
-use vkdenoise::kernels::stats::{Clear, Counted, HISTOGRAM_BYTES, Histogram, Key, STATS_FLOATS, Select, TileMeans};
+use vkdenoise::kernels::stats::{
+    Clear, Counted, HISTOGRAM_BYTES, Histogram, KEY, Key, STATS_FLOATS, Select, TileMeans,
+};
 use vkdenoise::kernels::{BufferId, Call};
 use vkdenoise::plan::{Buffer, Place};
 use vkdenoise::reference::Reference;
@@ -112,7 +114,7 @@ impl Scene {
         ] {
             reference.run_call(&call);
         }
-        Ok(reference.buffer(stats)[1])
+        Ok(reference.buffer(stats)[KEY])
     }
 }
 
