@@ -2,6 +2,7 @@
 
 use crate::error::{Error, Result};
 use half::f16;
+use std::str::FromStr;
 
 /// A frame's size in pixels.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -133,6 +134,25 @@ impl Region {
             extent.width, extent.height
         );
         Err(Error::InvalidOption { option: "region", reason })
+    }
+}
+
+impl FromStr for Region {
+    type Err = Error;
+
+    /// `X,Y,W,H`: first column, first row, columns, rows.
+    fn from_str(text: &str) -> Result<Self> {
+        let numbers: Vec<u32> = text.split(',').map_while(|number| number.trim().parse().ok()).collect();
+        match numbers[..] {
+            [x, y, width, height] if width > 0 && height > 0 && text.split(',').count() == 4 => {
+                Ok(Self { x, y, width, height })
+            }
+            _ => {
+                let reason =
+                    format!("'{text}'; give X,Y,W,H in pixels (left column, top row, width, height): 0,0,256,128");
+                Err(Error::InvalidOption { option: "region", reason })
+            }
+        }
     }
 }
 

@@ -119,6 +119,7 @@ impl Bench {
             barrier: true,
             flops: 0,
             of_features: false,
+            of_depth: false,
             skipped: false,
         };
         let dispatches: Vec<_> = calls.iter().map(dispatch).collect();

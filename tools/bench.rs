@@ -9,6 +9,8 @@ mod budget_command;
 mod pareto;
 #[path = "bench/pareto_command.rs"]
 mod pareto_command;
+#[path = "bench/skip_command.rs"]
+mod skip_command;
 #[path = "bench/stress/mod.rs"]
 mod stress;
 #[path = "bench/stress_command.rs"]
@@ -63,6 +65,8 @@ enum Command {
     Pareto(pareto_command::ParetoArgs),
     /// Try to break the denoiser: every stress case on every tier that the device runs, as a matrix of figures and bounds.
     Stress(stress_command::StressArgs),
+    /// Time what is left out: a region, unchanged features, none; in turn with the whole. One JSON object a case.
+    Skip(skip_command::SkipArgs),
     /// Print the device memory that a renderer's pass takes at a size, from the plan. Needs no device.
     Memory {
         /// Frame size.
@@ -87,6 +91,7 @@ fn main() -> ExitCode {
         Command::Budget(args) => budget_command::run(&args),
         Command::Pareto(args) => pareto_command::run(&args),
         Command::Stress(args) => stress_command::run(&args),
+        Command::Skip(args) => skip_command::run(&args),
         Command::Memory { size } => memory(size).map_err(Into::into),
     };
     match outcome {

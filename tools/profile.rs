@@ -54,10 +54,11 @@ fn main() -> ExitCode {
 
 fn run(command: Command) -> Result<(), Failure> {
     match command {
-        Command::Network { arch, size, conv, separable, precision, common, output } => {
+        Command::Network { arch, size, conv, separable, precision, region, features, common, output } => {
             let (conv, separable) = (conv.map(Into::into), separable.map(Into::into));
             let options = Options { precision, conv, separable, ..Options::default() };
-            network::network(&Session::open(&common)?, &arch, size, &options, &output)
+            let subject = network::Subject { extent: size, options, region, features };
+            network::network(&Session::open(&common)?, &arch, &subject, &output)
         }
         Command::Conv { size, channels, common, output } => {
             conv::conv(&Session::open(&common)?, size, channels, &output)

@@ -5,6 +5,7 @@ mod matrix;
 
 use super::contract::Contract;
 use super::dense::{Conv3x3, Linear};
+use super::expand::Expand;
 use super::film::{FilmVector, TokenSum};
 use super::maps::{Depthwise3x3, LayerNorm};
 use super::separable::Separable3x3;
@@ -57,6 +58,7 @@ impl Call {
             Self::Separable3x3(k) => separable3x3(k, contract),
             Self::LayerNorm(k) => layer_norm(k),
             Self::WindowAttention(k) => window_attention(k),
+            Self::Expand(k) => expand(k),
             Self::TokenSum(k) => token_sum(k),
             Self::FilmVector(k) => film_vector(k),
             Self::StatsClear(_)
@@ -179,6 +181,12 @@ fn window_attention(call: &WindowAttention) -> Accesses {
         shared_loads: windows * (rows * 128 + tasks * (64 * 4 + 4)),
         shared_stores: windows * (scores * 16 + rows * 65),
     }
+}
+
+fn expand(call: &Expand) -> Accesses {
+    let tokens = u64::from(call.tiles.count(call.dst.width, call.dst.height)) * u64::from(TILE * TILE);
+    let vectors = u64::from(call.dst.channels / 4);
+    Accesses::each(tokens, vectors, vectors)
 }
 
 fn token_sum(call: &TokenSum) -> Accesses {

@@ -8,6 +8,7 @@ mod accesses;
 pub mod contract;
 pub mod contracts;
 pub mod dense;
+pub mod expand;
 pub mod film;
 pub mod frame_io;
 pub mod maps;
@@ -139,6 +140,13 @@ pub struct Traffic {
     pub writes: Vec<(BufferId, u64)>,
 }
 
+impl Traffic {
+    /// Whether a buffer is read or written.
+    pub fn touches(&self, buffer: BufferId) -> bool {
+        self.reads.iter().chain(&self.writes).any(|(id, _)| *id == buffer)
+    }
+}
+
 /// Activations of a plan's buffer from `first` on, as a kernel reads them through a texel buffer.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TexelRange {
@@ -232,6 +240,8 @@ pub enum Call {
     LayerNorm(maps::LayerNorm),
     /// Joint window attention.
     WindowAttention(window_attention::WindowAttention),
+    /// A small map made large.
+    Expand(expand::Expand),
     /// Partial sums over tokens.
     TokenSum(film::TokenSum),
     /// FiLM vectors from partial sums.
@@ -270,6 +280,7 @@ impl Call {
             Self::Depthwise3x3(k) => of(&k.tiles, &k.dst),
             Self::LayerNorm(k) => of(&k.tiles, &k.dst),
             Self::WindowAttention(k) => of(&k.tiles, &k.dst),
+            Self::Expand(k) => of(&k.tiles, &k.dst),
             Self::InputColor(k) => of(&k.tiles, &k.dst),
             Self::InputAux(k) => of(&k.tiles, &k.dst),
             Self::Output(k) => Some((k.tiles, k.width, k.height)),
@@ -287,6 +298,7 @@ impl Call {
             Self::Separable3x3(k) => k,
             Self::LayerNorm(k) => k,
             Self::WindowAttention(k) => k,
+            Self::Expand(k) => k,
             Self::TokenSum(k) => k,
             Self::FilmVector(k) => k,
             Self::StatsClear(k) => k,

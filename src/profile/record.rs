@@ -1,7 +1,7 @@
 //! What is known of one dispatch once it has run.
 
 use super::shape::Shape;
-use crate::kernels::{Accesses, Traffic, Variants};
+use crate::kernels::{Accesses, Tiles, Traffic, Variants};
 use crate::net::graph::Stage;
 use crate::plan::Dispatch;
 
@@ -20,6 +20,10 @@ pub struct KernelRecord {
     pub matrix: bool,
     /// Size of the result and channels.
     pub shape: Shape,
+    /// Whether it was left out, as nothing depended on it or its result was known; it then has no FLOPs, groups or bytes.
+    pub skipped: bool,
+    /// Tiles that it worked on and those of its whole map, each counted once; `None` for kernels without tiles.
+    pub tiles: Option<[u32; 2]>,
     /// Workgroups.
     pub groups: [u32; 3],
     /// Multiplications and additions of the network's own channels, as [`crate::net::cost`] counts them: what the op
@@ -52,6 +56,11 @@ impl KernelRecord {
             variant: contract.name,
             matrix: contract.needs_matrix(),
             shape: Shape::of(&dispatch.call),
+            skipped: dispatch.skipped,
+            tiles: dispatch.call.tiles().map(|(tiles, width, height)| {
+                let active = if dispatch.skipped { 0 } else { tiles.count(width, height) };
+                [active, Tiles::All.count(width, height)]
+            }),
             groups: if dispatch.skipped { [0; 3] } else { kernel.groups(variants) },
             flops: dispatch.flops,
             bytes_read: bytes(&traffic.reads),

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use vkdenoise::kernels::winograd::WinogradTile;
 use vkdenoise::net::Arch;
 use vkdenoise::plan::{ConvAlgorithm, SeparableForm};
-use vkdenoise::{DeviceSelector, Extent, Precision};
+use vkdenoise::{DeviceSelector, Extent, Precision, Region};
 
 /// Where the time goes: networks, blocks and convolutions, kernel by kernel, by timestamps in the command buffer.
 ///
@@ -39,6 +39,12 @@ pub enum Command {
         /// Arithmetic: "auto" (as suits the device), "fp32" or "matrix" (dense convolutions on cooperative matrices)
         #[arg(long, value_name = "P", env = "VKDENOISE_PRECISION", default_value = "auto", value_parser = precision)]
         precision: Precision,
+        /// Denoise these pixels alone: left column, top row, width, height
+        #[arg(long, value_name = "X,Y,W,H")]
+        region: Option<Region>,
+        /// Albedo, normal and depth of the frame
+        #[arg(long, value_name = "F", default_value = "all")]
+        features: Given,
         #[command(flatten)]
         common: Common,
         #[command(flatten)]
@@ -90,6 +96,17 @@ pub enum Command {
         #[arg(long)]
         json: bool,
     },
+}
+
+/// Which features a frame has.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Given {
+    /// All of them
+    All,
+    /// None
+    None,
+    /// All, the same as in the frame before: what depends on them alone is kept
+    Unchanged,
 }
 
 /// Forms of dense 3x3 convolution.

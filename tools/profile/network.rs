@@ -1,6 +1,6 @@
 //! `network`: every kernel of a forward pass.
 
-use crate::args::Output;
+use crate::args::{Given, Output};
 use crate::plot::{self, Point};
 use crate::rows::{self, Row};
 use crate::session::Session;
@@ -10,7 +10,7 @@ use serde_json::json;
 use vkdenoise::net::{Arch, DepthRule, ExposureRule, Preprocessing};
 use vkdenoise::vk::statistics::PipelineStatistic;
 use vkdenoise::{
-    Denoiser, Error, Extent, Features, Frame, KernelRecord, Layout, Options, Plane, PlaneMut, Report, Weights,
+    Denoiser, Error, Extent, Features, Frame, KernelRecord, Layout, Options, Plane, PlaneMut, Region, Report, Weights,
 };
 
 /// What the passes measured.
@@ -23,6 +23,8 @@ pub struct Measured {
     pub profiled: Summary,
     /// Milliseconds of CPU time of that.
     pub profiled_cpu: Option<Summary>,
+    /// Share of the FLOPs of a whole frame with all features.
+    pub work: f64,
     /// Share of a profiled pass that its kernels take.
     pub kernels_share: Summary,
     /// The kernels of every profiled run.
@@ -31,21 +33,32 @@ pub struct Measured {
     pub statistics: Vec<PipelineStatistic>,
 }
 
+/// What is run.
+pub struct Subject {
+    pub extent: Extent,
+    pub options: Options,
+    pub region: Option<Region>,
+    pub features: Given,
+}
+
+impl Subject {
+    /// A whole frame with everything.
+    pub fn whole(extent: Extent) -> Self {
+        Self { extent, options: Options::default(), region: None, features: Given::All }
+    }
+}
+
 /// Random weights: the work does not depend on them.
 pub fn weights(arch: &Arch) -> Result<Weights, Error> {
     let preprocessing = Preprocessing { exposure: ExposureRule::Auto, depth: DepthRule::Percentile };
     Ok(Weights::hashed(arch, preprocessing, 1)?)
 }
 
-/// Runs a network on a frame with all features; plain and profiled passes in turn, where `profile` and the device allow.
-pub fn measure(
-    session: &Session,
-    arch: &Arch,
-    extent: Extent,
-    options: &Options,
-    profile: bool,
-) -> Result<Measured, Error> {
-    let mut denoiser = Denoiser::new(&session.device, &weights(arch)?, options)?;
+/// Runs a network on a frame; plain and profiled passes in turn, where `profile` and the device allow.
+pub fn measure(session: &Session, arch: &Arch, subject: &Subject, profile: bool) -> Result<Measured, Error> {
+    let Subject { extent, region, features: given, .. } = *subject;
+    let options = Options { keep_features: given == Given::Unchanged, ..subject.options };
+    let mut denoiser = Denoiser::new(&session.device, &weights(arch)?, &options)?;
     let pixels = extent.pixels() as usize;
     // Any picture does as well.
     let noise = |i: usize| (i.wrapping_mul(2_654_435_761) >> 16 & 0xffff) as f32 / 65536.0;
@@ -53,16 +66,24 @@ pub fn measure(
     let depth: Vec<f32> = (0..pixels).map(|i| 1.0 + noise(i / 500) * 10.0).collect();
     let mut output = vec![0.0; 3 * pixels];
     let rgb = Layout::interleaved(extent, 3);
-    let features = Features {
+    let all = Features {
         albedo: Some(Plane::f32(&color, rgb)),
         normal: Some(Plane::f32(&color, rgb)),
         depth: Some(Plane::f32(&depth, Layout::interleaved(extent, 1))),
     };
+    let features = if given == Given::None { Features::default() } else { all };
     let frame = Frame { extent, color: Plane::f32(&color, rgb), features };
+    if given == Given::Unchanged {
+        denoiser.denoise(&frame, PlaneMut::f32(&mut output, rgb))?;
+        denoiser.set_features_unchanged(true);
+    }
+    denoiser.set_region(region);
+    let mut work = 1.0;
     let profile = profile && session.device.has_timestamps();
     let mut run = |profile: bool| -> Result<(f64, Vec<KernelRecord>), Error> {
         denoiser.set_profiling(profile)?;
         let report: Report = denoiser.denoise(&frame, PlaneMut::f32(&mut output, rgb))?;
+        work = report.work;
         Ok((report.gpu_ms.unwrap_or(report.total_ms), denoiser.records().to_vec()))
     };
     let (mut plain, mut profiled, mut runs) = (Vec::new(), Vec::new(), Vec::new());
@@ -89,6 +110,7 @@ pub fn measure(
         cpu: optional(&cpu),
         profiled: Summary::of(&profiled),
         profiled_cpu: optional(&profiled_cpu),
+        work,
         kernels_share: Summary::of(&shares),
         runs,
         statistics,
@@ -96,15 +118,9 @@ pub fn measure(
 }
 
 /// The subcommand.
-pub fn network(
-    session: &Session,
-    name: &str,
-    extent: Extent,
-    options: &Options,
-    output: &Output,
-) -> Result<(), Failure> {
+pub fn network(session: &Session, name: &str, subject: &Subject, output: &Output) -> Result<(), Failure> {
     let arch = Arch::named(name).ok_or_else(|| Failure(format!("there is no network called {name}")))?;
-    let measured = measure(session, &arch, extent, options, true)?;
+    let (extent, measured) = (subject.extent, measure(session, &arch, subject, true)?);
     let rows = rows::rows(&measured.runs, &session.roof);
     let title = format!("{name}, {}x{}", extent.width, extent.height);
     export::files(&title, export::middle(&measured.runs), &rows, output)?;
@@ -125,6 +141,7 @@ pub fn network(
     if output.json {
         let report = json!({
             "session": session.header(), "network": name, "width": extent.width, "height": extent.height,
+            "region": subject.region.map(|Region { x, y, width, height }| [x, y, width, height]), "work": measured.work,
             "pass_ms": measured.plain, "pass_cpu_ms": measured.cpu,
             "profiled_pass_ms": measured.profiled, "profiled_pass_cpu_ms": measured.profiled_cpu, "kernels_ms": kernels_ms, "kernels_share": measured.kernels_share,
             "kernels": rows, "by_stage": by_stage, "by_kernel": by_kernel,
@@ -135,6 +152,9 @@ pub fn network(
     }
     print!("{title}\n{}", session.header().text());
     let Summary { median, min, spread } = measured.plain;
+    if measured.work < 1.0 {
+        print!("{:.1} % of the work of a whole frame with all features; ", 100.0 * measured.work);
+    }
     print!("whole pass {median:.2} ms (min {min:.2}, spread {spread:.2})");
     if !rows.is_empty() {
         let with = measured.profiled.median;

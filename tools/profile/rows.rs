@@ -30,9 +30,16 @@ pub struct Row {
     /// Loads and stores of the invocations, in millions; absent where they depend on the frame.
     pub global_accesses: Option<f64>,
     pub shared_accesses: Option<f64>,
+    /// Tiles that were worked on, and those of the whole map.
+    pub tiles: [u64; 2],
 }
 
 impl Row {
+    /// Share of the tiles that were worked on; `None` for kernels without tiles.
+    pub fn active(&self) -> Option<f64> {
+        (self.tiles[1] > 0).then(|| self.tiles[0] as f64 / self.tiles[1] as f64)
+    }
+
     /// Fills in what follows from time, FLOPs and bytes.
     fn rated(mut self, total: f64, roof: &Roof) -> Self {
         let seconds = (self.microseconds.median * 1e-6).max(1e-12);
@@ -77,6 +84,7 @@ pub fn rows(runs: &[Vec<KernelRecord>], roof: &Roof) -> Vec<Row> {
         percent_of_roof: 0.0,
         global_accesses: record.accesses.map(|a| a.global() as f64 * 1e-6),
         shared_accesses: record.accesses.map(|a| a.shared() as f64 * 1e-6),
+        tiles: record.tiles.unwrap_or_default().map(u64::from),
     };
     kernels.iter().zip(summaries).map(|pair| row(pair).rated(total, roof)).collect()
 }
@@ -101,6 +109,7 @@ pub fn sums(rows: &[Row], roof: &Roof, key: impl Fn(&Row) -> &str) -> Vec<Row> {
         sum.mb_read += row.mb_read;
         sum.mb_written += row.mb_written;
         sum.global_accesses = sum.global_accesses.zip(row.global_accesses).map(|(a, b)| a + b);
+        (0..2).for_each(|i| sum.tiles[i] += row.tiles[i]);
         sum.shared_accesses = sum.shared_accesses.zip(row.shared_accesses).map(|(a, b)| a + b);
     }
     sums.into_iter().map(|sum| sum.rated(total, roof)).collect()

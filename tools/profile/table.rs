@@ -21,8 +21,20 @@ pub fn aligned(lines: &[Vec<String>], left: usize) -> String {
     text
 }
 
-const RATES: [&str; 10] =
-    ["ms", "min", "spread", "share", "GFLOP", "MB read", "MB written", "GFLOP/s", "GB/s", "FLOP/B"];
+const RATES: [&str; 12] = [
+    "ms",
+    "min",
+    "spread",
+    "share",
+    "GFLOP",
+    "MB read",
+    "MB written",
+    "GFLOP/s",
+    "GB/s",
+    "FLOP/B",
+    "of roof",
+    "active",
+];
 
 fn rates(row: &Row) -> Vec<String> {
     let ms = row.microseconds.times(1e-3);
@@ -38,12 +50,13 @@ fn rates(row: &Row) -> Vec<String> {
         number(row.gb_per_second),
         number(row.flop_per_byte),
         format!("{:.1} %", row.percent_of_roof),
+        row.active().map_or("-".into(), |share| format!("{:.1} %", 100.0 * share)),
     ]
 }
 
 /// Every kernel.
 pub fn kernels(rows: &[Row]) -> String {
-    let head = ["stage", "layer", "variant", "shape", "groups"].into_iter().chain(RATES).chain(["of roof"]);
+    let head = ["stage", "layer", "variant", "shape", "groups"].into_iter().chain(RATES);
     let mut lines = vec![head.map(String::from).collect::<Vec<_>>()];
     for row in rows {
         let mut line =
@@ -56,7 +69,7 @@ pub fn kernels(rows: &[Row]) -> String {
 
 /// Sums, by what `title` says.
 pub fn sums(title: &str, rows: &[Row]) -> String {
-    let head = [title].into_iter().chain(RATES).chain(["of roof"]);
+    let head = [title].into_iter().chain(RATES);
     let mut lines = vec![head.map(String::from).collect::<Vec<_>>()];
     for row in rows {
         lines.push([row.layer.clone()].into_iter().chain(rates(row)).collect());

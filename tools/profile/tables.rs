@@ -1,14 +1,15 @@
 //! `tables`: the thesis's Tables 4.1, 4.2, 4.4 and 4.5, its ten networks.
 
 use crate::network;
+use crate::network::Subject;
 use crate::session::Session;
 use crate::table::{self, number};
 use crate::thesis::NETWORKS;
 use crate::{Failure, thesis::NetworkRow};
 use serde_json::json;
+use vkdenoise::Extent;
 use vkdenoise::net::table::table_costs;
 use vkdenoise::net::{Arch, Graph, cost};
-use vkdenoise::{Extent, Options};
 
 /// The subcommand.
 pub fn tables(session: &Session, extent: Extent, json: bool) -> Result<(), Failure> {
@@ -38,7 +39,7 @@ pub fn tables(session: &Session, extent: Extent, json: bool) -> Result<(), Failu
         let multiple = arch.pad_multiple();
         let (width, height) = (extent.width.next_multiple_of(multiple), extent.height.next_multiple_of(multiple));
         let true_gflop = cost::flops(&graph, width, height).total() as f64 * 1e-9;
-        let measured = network::measure(session, &arch, extent, &Options::default(), false)?;
+        let measured = network::measure(session, &arch, &Subject::whole(extent), false)?;
         let (time, cost) = (measured.plain, measured.cpu.unwrap_or(measured.plain).median);
         let base = *baseline.get_or_insert(cost);
         let mut line = vec![name.to_owned()];
