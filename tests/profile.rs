@@ -12,8 +12,8 @@ use vkdenoise::plan::PlanOptions;
 use vkdenoise::profile::{PartRunner, Roof};
 use vkdenoise::{
     BufferFrame, BufferPlane, Denoiser, Device, DeviceKind, DeviceOptions, DeviceSelector, Error, Extent, Features,
-    Frame, FrameOptions, KernelRecord, Layout, Options, Plane, PlaneMut, Profiler, RendererDevice, SampleFormat,
-    Weights,
+    Frame, FrameOptions, KernelRecord, Layout, Options, Plane, PlaneMut, Precision, Profiler, RendererDevice,
+    SampleFormat, Weights,
 };
 
 const EXTENT: Extent = Extent::new(150, 100);
@@ -189,7 +189,8 @@ fn without_timestamps_the_host_times_whole_passes() {
 
     let graph = Graph::of_convolution(Convolution::Standard, 8).unwrap();
     let weights = Weights::hashed(&graph.arch, PREPROCESSING, 1).unwrap();
-    let mut part = PartRunner::new(&device, &graph, &weights, extent, &PlanOptions::default()).unwrap();
+    let mut part =
+        PartRunner::new(&device, &graph, &weights, extent, &PlanOptions::default(), Precision::Auto).unwrap();
     let run = part.run().unwrap();
     assert!(run.milliseconds > 0.0 && run.records.is_empty());
     assert_eq!(device.validation_messages(), Vec::<String>::new());

@@ -1,7 +1,8 @@
 //! Runs a part of a network over and over on a device of our own.
 
 use super::{KernelRecord, Profiler};
-use crate::engine::Engine;
+use crate::denoiser::Precision;
+use crate::engine::{Engine, wants_matrices};
 use crate::error::Result;
 use crate::frame::Extent;
 use crate::kernels::FrameArgs;
@@ -38,7 +39,7 @@ pub struct PartRunner {
 
 impl PartRunner {
     /// Plans `graph` for maps of `extent` tokens and puts it on the device. `options` chooses among lowerings; its limit on
-    /// memory is lowered to the device's own.
+    /// memory is lowered to the device's own. `precision` is as in [`crate::Options`].
     ///
     /// # Errors
     /// As [`crate::Denoiser::new`] and [`crate::Denoiser::pass`]; [`crate::Error::Binding`] on a renderer's device.
@@ -48,11 +49,14 @@ impl PartRunner {
         weights: &Weights,
         extent: Extent,
         options: &PlanOptions,
+        precision: Precision,
     ) -> Result<Self> {
         let limit = Engine::max_block_bytes(device).min(options.max_block_bytes);
         let options = PlanOptions { max_block_bytes: limit, ..*options };
         let plan = plan_part(graph, extent, &options)?;
-        let engine = Arc::new(Engine::of_plan(device, graph.clone(), &plan, weights, options)?);
+        let mut engine = Engine::of_plan(device, graph.clone(), &plan, weights, options)?;
+        engine.matrix = wants_matrices(device, precision)?;
+        let engine = Arc::new(engine);
         let pass = Pass::of_plan(&engine, plan)?;
         // SAFETY: no images.
         let binding = unsafe { pass.bind(None, engine.variants(), FrameArgs::default()) }?;

@@ -11,34 +11,41 @@ use serde_json::json;
 use vkdenoise::kernels::winograd::WinogradTile;
 use vkdenoise::net::{Convolution, Graph};
 use vkdenoise::plan::{ConvAlgorithm, PlanOptions, SeparableForm};
-use vkdenoise::{Extent, KernelRecord};
+use vkdenoise::{Extent, KernelRecord, Precision};
 
 /// Lanes that share an instruction where the thesis counted.
 const WARP: f64 = 32.0;
+/// Ends the names of what runs in halves, on cooperative matrices.
+const ON_MATRICES: &str = "on matrices";
 
-fn candidates(channels: u32) -> Result<Vec<Candidate>, Failure> {
+fn candidates(channels: u32, matrices: bool) -> Result<Vec<Candidate>, Failure> {
     let standard =
         |name: &str, conv| (name.to_owned(), Convolution::Standard, PlanOptions { conv, ..PlanOptions::default() });
     let separable = |name: &str, separable| {
         (name.to_owned(), Convolution::Separable, PlanOptions { separable, ..PlanOptions::default() })
     };
-    let all = [
+    let mut all = vec![
         standard("direct", ConvAlgorithm::Direct),
         standard("F(2x2,3x3)", ConvAlgorithm::Winograd(WinogradTile::F2)),
         standard("F(4x4,3x3)", ConvAlgorithm::Winograd(WinogradTile::F4)),
         separable("two kernels", SeparableForm::TwoKernels),
         separable("fused", SeparableForm::Fused),
     ];
-    let candidate = |(name, conv, options)| {
+    if matrices {
+        all.push(standard(&format!("direct {ON_MATRICES}"), ConvAlgorithm::Direct));
+        all.push(separable(&format!("two kernels {ON_MATRICES}"), SeparableForm::TwoKernels));
+    }
+    let candidate = |(name, conv, options): (String, _, _)| {
         let graph = Graph::of_convolution(conv, channels).map_err(|error| Failure(error.to_string()))?;
-        Ok(Candidate { name, graph, options })
+        let precision = if name.ends_with(ON_MATRICES) { Precision::Matrix } else { Precision::F32 };
+        Ok(Candidate { name, graph, options, precision })
     };
     all.into_iter().map(candidate).collect()
 }
 
 /// The subcommand.
 pub fn conv(session: &Session, extent: Extent, channels: u32, output: &Output) -> Result<(), Failure> {
-    let results = parts::measure(session, extent, candidates(channels)?)?;
+    let results = parts::measure(session, extent, candidates(channels, session.device.has_matrices())?)?;
     let title = format!("one 3x3 convolution, {channels} channels, {}x{}", extent.width, extent.height);
     let mut rows: Vec<Row> = Vec::new();
     for result in &results {

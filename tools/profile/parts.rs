@@ -7,13 +7,14 @@ use crate::summary::Summary;
 use vkdenoise::net::Graph;
 use vkdenoise::plan::PlanOptions;
 use vkdenoise::profile::PartRunner;
-use vkdenoise::{Extent, KernelRecord};
+use vkdenoise::{Extent, KernelRecord, Precision};
 
 /// Something to run, and what it is called.
 pub struct Candidate {
     pub name: String,
     pub graph: Graph,
     pub options: PlanOptions,
+    pub precision: Precision,
 }
 
 /// What one of them measured.
@@ -47,9 +48,9 @@ impl Runs {
 /// Runs all candidates on maps of `extent` tokens.
 pub fn measure(session: &Session, extent: Extent, candidates: Vec<Candidate>) -> Result<Vec<Measured>, Failure> {
     let mut runners = Vec::new();
-    for Candidate { name, graph, options } in candidates {
+    for Candidate { name, graph, options, precision } in candidates {
         let weights = weights(&graph.arch)?;
-        let runner = PartRunner::new(&session.device, &graph, &weights, extent, &options)?;
+        let runner = PartRunner::new(&session.device, &graph, &weights, extent, &options, precision)?;
         runners.push((name, runner, Runs::default()));
     }
     for turn in 0..session.warm_up + session.repeat {

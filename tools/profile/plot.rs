@@ -12,10 +12,12 @@ pub struct Point {
     pub flop_per_second: f64,
 }
 
+/// Of the second roof.
+const GREY: RGBColor = RGBColor(150, 150, 150);
 const SIZE: (u32, u32) = (960, 600);
 
 /// Colours that most eyes tell apart, on white.
-const COLORS: [RGBColor; 8] = [
+const COLORS: [RGBColor; 10] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
     RGBColor(0, 158, 115),
@@ -24,6 +26,8 @@ const COLORS: [RGBColor; 8] = [
     RGBColor(160, 110, 0),
     RGBColor(90, 90, 90),
     RGBColor(110, 60, 160),
+    RGBColor(240, 190, 0),
+    RGBColor(0, 70, 60),
 ];
 
 /// Draws the points under the roof.
@@ -35,10 +39,12 @@ pub fn roofline(path: &Path, title: &str, roof: &Roof, points: &[Point]) -> Resu
     let area = SVGBackend::new(path, SIZE).into_drawing_area();
     area.fill(&WHITE).map_err(said)?;
     let ridge = roof.flops_f32 / roof.bytes_f32;
+    let top = roof.flops_matrix.unwrap_or(0.0).max(roof.flops_f32);
     let least = |start: f64, of: fn(&Point) -> f64| points.iter().map(of).fold(start, f64::min);
     let most = |start: f64, of: fn(&Point) -> f64| points.iter().map(of).fold(start, f64::max);
     let x = least(ridge, |p| p.flop_per_byte) / 2.0..most(ridge, |p| p.flop_per_byte) * 2.0;
-    let y = least(roof.at(x.start), |p| p.flop_per_second) / 2e9..most(roof.flops_f32, |p| p.flop_per_second) * 2e-9;
+    // With room below for the legend.
+    let y = least(roof.at(x.start), |p| p.flop_per_second) / 2e10..most(top, |p| p.flop_per_second) * 2e-9;
     let mut chart = ChartBuilder::on(&area)
         .caption(title, ("sans-serif", 18))
         .margin(12)
@@ -54,18 +60,23 @@ pub fn roofline(path: &Path, title: &str, roof: &Roof, points: &[Point]) -> Resu
         .max_light_lines(4)
         .draw()
         .map_err(said)?;
-    // The ridge is a corner: a line of three points, straight on these axes.
-    let corners = [x.start, ridge.clamp(x.start, x.end), x.end].map(|at| (at, roof.at(at) * 1e-9));
-    let label = format!(
-        "roof: {:.1} GFLOP/s of multiply-adds, {:.1} GB/s of copies",
-        roof.flops_f32 * 1e-9,
-        roof.bytes_f32 * 1e-9
-    );
-    chart
-        .draw_series(LineSeries::new(corners, BLACK.stroke_width(2)))
-        .map_err(said)?
-        .label(label)
-        .legend(|(x, y)| PathElement::new([(x, y), (x + 18, y)], BLACK.stroke_width(2)));
+    let [flops, bytes] = [roof.flops_f32, roof.bytes_f32].map(|rate| rate * 1e-9);
+    let mut roofs =
+        vec![(format!("roof: {flops:.1} GFLOP/s of multiply-adds, {bytes:.1} GB/s of copies"), ridge, BLACK)];
+    if let Some(flops) = roof.flops_matrix {
+        roofs.push((format!("of matrices: {:.1} GFLOP/s", flops * 1e-9), flops / roof.bytes_f32, GREY));
+    }
+    // Behind the first, with which the next shares its slope.
+    for (label, ridge, color) in roofs.into_iter().rev() {
+        // The ridge is a corner: a line of three points, straight on these axes.
+        let at = |intensity: f64| (intensity, intensity.min(ridge) * bytes);
+        let corners = [x.start, ridge.clamp(x.start, x.end), x.end].map(at);
+        chart
+            .draw_series(LineSeries::new(corners, color.stroke_width(2)))
+            .map_err(said)?
+            .label(label)
+            .legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], color.stroke_width(2)));
+    }
     let mut names: Vec<&str> = Vec::new();
     for point in points {
         if !names.contains(&point.series.as_str()) {
