@@ -60,8 +60,8 @@ impl Kernel for InputColor {
         })
     }
 
-    fn traffic(&self, element: u64) -> Traffic {
-        Traffic { reads: vec![(self.stats, 16)], writes: vec![(self.dst.buffer, self.dst.elements() * element)] }
+    fn traffic(&self) -> Traffic {
+        Traffic { reads: vec![(self.stats, 16)], writes: vec![(self.dst.buffer, self.dst.bytes())] }
     }
 }
 
@@ -122,8 +122,8 @@ impl Kernel for InputAux {
         })
     }
 
-    fn traffic(&self, element: u64) -> Traffic {
-        Traffic { reads: vec![(self.stats, 16)], writes: vec![(self.dst.buffer, self.dst.elements() * element)] }
+    fn traffic(&self) -> Traffic {
+        Traffic { reads: vec![(self.stats, 16)], writes: vec![(self.dst.buffer, self.dst.bytes())] }
     }
 }
 
@@ -184,11 +184,15 @@ impl Kernel for Output {
         })
     }
 
-    fn traffic(&self, element: u64) -> Traffic {
+    fn traffic(&self) -> Traffic {
         let pixels = u64::from(self.width) * u64::from(self.height);
-        let map = pixels * 4 * element;
+        let map = |view: &View| pixels * 4 * view.storage.bytes();
         Traffic {
-            reads: vec![(self.residual.buffer, map), (self.log_color.buffer, map), (self.stats, 16)],
+            reads: vec![
+                (self.residual.buffer, map(&self.residual)),
+                (self.log_color.buffer, map(&self.log_color)),
+                (self.stats, 16),
+            ],
             writes: vec![],
         }
     }

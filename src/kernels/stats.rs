@@ -42,7 +42,7 @@ impl Kernel for Clear {
         PushBytes::new(&StatsClearPush { histograms: at.of(self.histograms), count: 2 * BINS, unused: 0 })
     }
 
-    fn traffic(&self, _: u64) -> Traffic {
+    fn traffic(&self) -> Traffic {
         Traffic { reads: vec![], writes: vec![(self.histograms, HISTOGRAM_BYTES)] }
     }
 }
@@ -85,7 +85,7 @@ impl Kernel for Histogram {
         })
     }
 
-    fn traffic(&self, _: u64) -> Traffic {
+    fn traffic(&self) -> Traffic {
         Traffic { reads: vec![], writes: vec![(self.histograms, HISTOGRAM_BYTES)] }
     }
 }
@@ -112,7 +112,7 @@ impl Kernel for Select {
         PushBytes::new(&StatsSelectPush { histograms: at.of(self.histograms), stats: at.of(self.stats) })
     }
 
-    fn traffic(&self, _: u64) -> Traffic {
+    fn traffic(&self) -> Traffic {
         Traffic { reads: vec![(self.histograms, HISTOGRAM_BYTES)], writes: vec![(self.stats, 8)] }
     }
 }
@@ -164,7 +164,7 @@ impl Kernel for TileMeans {
         })
     }
 
-    fn traffic(&self, _: u64) -> Traffic {
+    fn traffic(&self) -> Traffic {
         Traffic { reads: vec![(self.stats, 4)], writes: vec![(self.dst, u64::from(self.tiles()) * 4)] }
     }
 }
@@ -198,7 +198,7 @@ impl Kernel for Key {
         })
     }
 
-    fn traffic(&self, _: u64) -> Traffic {
+    fn traffic(&self) -> Traffic {
         Traffic { reads: vec![(self.src, u64::from(self.tiles) * 4), (self.stats, 4)], writes: vec![(self.stats, 8)] }
     }
 }

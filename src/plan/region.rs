@@ -8,6 +8,7 @@
 use super::{Dispatch, Plan};
 use crate::frame::Region;
 use crate::kernels::dense::Conv3x3;
+use crate::kernels::frame_io::Output;
 use crate::kernels::{BufferId, Call, Shuffle, TILE, TileRect, Tiles, View};
 use std::collections::HashMap;
 
@@ -18,7 +19,10 @@ impl Plan {
         let mut dispatches = self.dispatches.clone();
         let mut needed = Needed::default();
         for dispatch in dispatches.iter_mut().rev() {
-            restrict(&mut dispatch.call, region, &mut needed);
+            match &mut dispatch.call {
+                Call::Output(output) => restrict_output(output, region, &mut needed),
+                call => restrict(call, &mut needed),
+            }
             if let Some((tiles, width, height)) = dispatch.call.tiles() {
                 let all = u64::from(Tiles::All.count(width, height)).max(1);
                 dispatch.flops = dispatch.flops * u64::from(tiles.count(width, height)) / all;
@@ -33,14 +37,18 @@ impl Plan {
 struct Needed(HashMap<BufferId, TileRect>);
 
 impl Needed {
+    /// In tiles of the view.
     fn of(&self, view: &View) -> TileRect {
-        self.0.get(&view.buffer).copied().unwrap_or_default()
+        let rect = self.0.get(&view.buffer).copied().unwrap_or_default();
+        let row = |row: u32| row.saturating_sub(view.top / TILE).min(view.height / TILE);
+        TileRect { top: row(rect.top), bottom: row(rect.bottom), ..rect }
     }
 
-    /// Adds tiles of a map, as far as they lie in it.
+    /// Adds tiles of a view, as far as they lie in it.
     fn add(&mut self, view: &View, rect: TileRect) {
+        let row = |row: u32| row.min(view.height / TILE) + view.top / TILE;
         let rect =
-            TileRect { right: rect.right.min(view.width / TILE), bottom: rect.bottom.min(view.height / TILE), ..rect };
+            TileRect { right: rect.right.min(view.width / TILE), top: row(rect.top), bottom: row(rect.bottom), ..rect };
         if rect.count() == 0 {
             return;
         }
@@ -68,61 +76,86 @@ impl Needed {
     }
 }
 
+/// Restricts the last kernel to the pixels that are wanted.
+fn restrict_output(output: &mut Output, region: Region, needed: &mut Needed) {
+    let (right, bottom) = (region.right(), region.bottom());
+    let rect = TileRect {
+        left: region.x / TILE,
+        top: region.y / TILE,
+        right: right.div_ceil(TILE),
+        bottom: bottom.div_ceil(TILE),
+    };
+    (output.tiles, output.region) = (Tiles::Rect(rect), region);
+    needed.add(&output.residual, rect);
+    needed.add(&output.log_color, rect);
+}
+
 /// Restricts a call to what is needed of its result, and adds what it needs itself.
-fn restrict(call: &mut Call, region: Region, needed: &mut Needed) {
+fn restrict(call: &mut Call, needed: &mut Needed) {
     match call {
-        Call::Output(output) => {
-            let (right, bottom) = (region.right(), region.bottom());
-            let rect = TileRect {
-                left: region.x / TILE,
-                top: region.y / TILE,
-                right: right.div_ceil(TILE),
-                bottom: bottom.div_ceil(TILE),
-            };
-            (output.tiles, output.region) = (Tiles::Rect(rect), region);
-            needed.add(&output.residual, rect);
-            needed.add(&output.log_color, rect);
-        }
         Call::Conv3x3(conv) => restrict_conv(conv, needed),
         Call::Winograd3x3(winograd) => restrict_conv(&mut winograd.conv, needed),
         Call::Separable3x3(separable) => {
-            let rect = needed.of(&separable.pointwise.dst);
-            separable.pointwise.tiles = Tiles::Rect(rect);
+            let rect = narrow(&mut separable.pointwise.tiles, needed.of(&separable.pointwise.dst));
             needed.add_around(&separable.depthwise.src, rect, 1);
             separable.pointwise.residual.iter().for_each(|residual| needed.add(residual, rect));
         }
         Call::Linear(linear) => {
-            let rect = needed.of(&linear.dst);
-            linear.tiles = Tiles::Rect(rect);
+            let rect = narrow(&mut linear.tiles, needed.of(&linear.dst));
             for source in [Some(&linear.src), linear.src_b.as_ref(), linear.residual.as_ref()].into_iter().flatten() {
                 needed.add(source, rect);
             }
         }
         Call::Depthwise3x3(depthwise) => {
-            let rect = needed.of(&depthwise.dst);
-            depthwise.tiles = Tiles::Rect(rect);
+            let rect = narrow(&mut depthwise.tiles, needed.of(&depthwise.dst));
             needed.add_around(&depthwise.src, rect, 1);
         }
         Call::LayerNorm(norm) => {
-            let rect = needed.of(&norm.dst);
-            norm.tiles = Tiles::Rect(rect);
+            let rect = narrow(&mut norm.tiles, needed.of(&norm.dst));
             needed.add(&norm.src, rect);
         }
         Call::WindowAttention(attention) => {
-            let rect = needed.of(&attention.dst);
-            attention.tiles = Tiles::Rect(rect);
+            let rect = narrow(&mut attention.tiles, needed.of(&attention.dst));
             needed.add(&attention.x, rect);
             needed.add(&attention.f, rect);
         }
         Call::InputColor(input) => input.tiles = Tiles::Rect(needed.of(&input.dst)),
         Call::InputAux(input) => input.tiles = Tiles::Rect(needed.of(&input.dst)),
         Call::TokenSum(sum) => needed.add_all(&sum.src),
-        Call::FilmVector(_)
+        Call::Output(_)
+        | Call::FilmVector(_)
         | Call::StatsClear(_)
         | Call::StatsHistogram(_)
         | Call::StatsSelect(_)
         | Call::StatsTiles(_)
         | Call::StatsKey(_) => {}
+    }
+}
+
+/// Narrows the tiles of a call to those of `rect`; returns what is left.
+fn narrow(tiles: &mut Tiles, rect: TileRect) -> TileRect {
+    let left = match tiles {
+        Tiles::Rect(own) => TileRect {
+            left: own.left.max(rect.left),
+            top: own.top.max(rect.top),
+            right: own.right.min(rect.right),
+            bottom: own.bottom.min(rect.bottom),
+        },
+        _ => rect,
+    };
+    *tiles = Tiles::Rect(left);
+    left
+}
+
+/// Restricts calls that run one after the other to what the last one needs for the tiles `last` of its result, which
+/// are given its size in tokens.
+pub(super) fn restrict_chain(calls: &mut [&mut Call], last: impl FnOnce(u32, u32) -> TileRect) {
+    let mut needed = Needed::default();
+    if let Some(view) = calls.last().and_then(|call| call.result()) {
+        needed.add(view, last(view.width, view.height));
+    }
+    for call in calls.iter_mut().rev() {
+        restrict(call, &mut needed);
     }
 }
 
@@ -142,7 +175,7 @@ fn restrict_conv(conv: &mut Conv3x3, needed: &mut Needed) {
             TileRect { left: wanted.left * 2, top: wanted.top * 2, right: wanted.right * 2, bottom: wanted.bottom * 2 }
         }
     };
-    conv.tiles = Tiles::Rect(rect);
+    let rect = narrow(&mut conv.tiles, rect);
     needed.add_around(&conv.src, rect, conv.stride);
     conv.residual.iter().for_each(|residual| needed.add(residual, rect));
 }

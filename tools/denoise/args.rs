@@ -57,6 +57,10 @@ pub struct Args {
     #[arg(long, value_name = "A", default_value_t = 0.0, value_parser = share)]
     pub blend: f32,
 
+    /// Most device memory to use, in MiB: an image that needs more is refused
+    #[arg(long, value_name = "MIB")]
+    pub memory_budget: Option<u64>,
+
     /// Reference file (or frame pattern): prints PSNR, SSIM and relMSE before and after
     #[arg(long, value_name = "REF.exr")]
     pub reference: Option<PathBuf>,
