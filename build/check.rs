@@ -11,7 +11,7 @@ use spirq::var::Variable;
 /// A message that names both sides.
 pub fn check(contract: &Contract, words: &[u32]) -> Result<(), String> {
     let entry_points = ReflectConfig::new()
-        .spv(words.to_vec())
+        .spv(without_matrices(words))
         .ref_all_rscs(true)
         .reflect()
         .map_err(|e| format!("variant {}: reflection failed: {e}", contract.name))?;
@@ -25,8 +25,9 @@ pub fn check(contract: &Contract, words: &[u32]) -> Result<(), String> {
                 let name = name.clone().unwrap_or_default();
                 bindings.push((desc_bind.set(), desc_bind.bind(), describe(desc_ty), name));
             }
-            Variable::SpecConstant { name, spec_id, .. } => {
-                constants.push((*spec_id, name.clone().unwrap_or_default()));
+            // One without a name stands behind `local_size_x_id`, beside the named one of its number.
+            Variable::SpecConstant { name: Some(name), spec_id, .. } if !name.is_empty() => {
+                constants.push((*spec_id, name.clone()));
             }
             _ => {}
         }
@@ -57,6 +58,29 @@ pub fn check(contract: &Contract, words: &[u32]) -> Result<(), String> {
     compare(contract, "push constants (offset, type, name)", &push, &wanted_push)?;
     compare(contract, "descriptors (set, binding, type, name)", &bindings, &wanted_bindings)?;
     compare(contract, "specialisation constants (id, name)", &constants, &wanted_constants)
+}
+
+const OP_TYPE_VECTOR: u32 = 23;
+const OP_TYPE_COOPERATIVE_MATRIX: u32 = 4456;
+/// Words before the first instruction.
+const HEADER: usize = 5;
+
+/// The module with cooperative matrices declared as vectors: the reflection knows no matrices, and looks only at what lies
+/// outside of the functions that use them.
+fn without_matrices(words: &[u32]) -> Vec<u32> {
+    let (header, mut rest) = words.split_at(HEADER.min(words.len()));
+    let mut out = header.to_vec();
+    while let Some(&first) = rest.first() {
+        let (instruction, after) = rest.split_at((first >> 16).max(1).min(rest.len() as u32) as usize);
+        match instruction {
+            [_, result, component, ..] if first & 0xffff == OP_TYPE_COOPERATIVE_MATRIX => {
+                out.extend([4 << 16 | OP_TYPE_VECTOR, *result, *component, 2]);
+            }
+            other => out.extend(other),
+        }
+        rest = after;
+    }
+    out
 }
 
 fn compare<T: PartialEq + std::fmt::Debug>(

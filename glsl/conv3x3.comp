@@ -30,7 +30,7 @@ layout(push_constant) uniform Push {
     uint dst_channels;
     uint residual_stride;
     uint bias_vectors;
-    uint first_tile;      // x | y << 16
+    uint first_tile;      // x | y << 16, in half tiles
     uint tile_count;
     uint flags;
 };
@@ -48,9 +48,9 @@ vec4 row[TY * PATCH_X];
 void main() {
     uint slot = group_index() * (64u / LANES) + gl_LocalInvocationID.x / LANES;
     bool live = slot < tile_count;
-    uvec2 tile = tile_position(min(slot, tile_count - 1u), first_tile, flags, tiles);
+    uvec2 origin = tile_origin(min(slot, tile_count - 1u), first_tile, flags, tiles);
     uint lane = gl_LocalInvocationID.x % LANES;
-    ivec2 base = ivec2(tile * 8u) + ivec2(lane % LANES_X, lane / LANES_X) * ivec2(TX, TY);
+    ivec2 base = ivec2(origin) + ivec2(lane % LANES_X, lane / LANES_X) * ivec2(TX, TY);
     uint tile_n = gl_WorkGroupID.y;
 
     clear_accumulators(weights, tile_n);

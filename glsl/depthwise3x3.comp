@@ -21,7 +21,7 @@ layout(push_constant) uniform Push {
     uint src_stride;      // strides and channel counts in vectors of four
     uint dst_stride;
     uint channels;
-    uint first_tile;      // x | y << 16
+    uint first_tile;      // x | y << 16, in half tiles
     uint tile_count;
     uint flags;
 };
@@ -30,9 +30,9 @@ void main() {
     uint slot = group_index();
     uint channel = gl_WorkGroupID.y * 8u + gl_LocalInvocationID.x % 8u;
     if (slot >= tile_count || channel >= channels) return;
-    uvec2 tile = tile_position(slot, first_tile, flags, tiles);
+    uvec2 origin = tile_origin(slot, first_tile, flags, tiles);
     uint run = gl_LocalInvocationID.x / 8u;
-    ivec2 base = ivec2(tile * 8u) + ivec2(run % (8u / TX), run / (8u / TX)) * ivec2(TX, TY);
+    ivec2 base = ivec2(origin) + ivec2(run % (8u / TX), run / (8u / TX)) * ivec2(TX, TY);
 
     vec4 sums[TX * TY];
     vec4 bias = LOAD_WEIGHTS(weights, channel);

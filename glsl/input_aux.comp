@@ -3,7 +3,6 @@
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"
 #include "shared/planes.glsl"
-#include "shared/stats.glsl"
 #include "shared/input_grid.glsl"
 
 layout(local_size_x = 64) in;
@@ -21,7 +20,7 @@ layout(push_constant) uniform Push {
     PLANE albedo;
     PLANE normal;
     PLANE depth;
-    Stats stats;
+    ReadFloats depth_scale;
     Target dst;
     TileList tiles;       // with FLAG_TILE_LIST
     uint albedo_offset;
@@ -38,7 +37,7 @@ layout(push_constant) uniform Push {
     uint width;
     uint height;
     uint dst_width;
-    uint first_tile;      // x | y << 16
+    uint first_tile;      // x | y << 16, in half tiles
     uint tile_count;
     uint flags;
     uint unused;
@@ -80,7 +79,7 @@ float unit_or(float x, float otherwise) {
 void main() {
     uint slot = group_index();
     if (slot >= tile_count) return;
-    uvec2 to = tile_position(slot, first_tile, flags, tiles) * 8u;
+    uvec2 to = tile_origin(slot, first_tile, flags, tiles);
     to += uvec2(gl_LocalInvocationID.x % 8u, gl_LocalInvocationID.x / 8u);
     uvec2 at = uvec2(reflect_index(to.x, width), reflect_index(to.y, height));
 
@@ -95,7 +94,7 @@ void main() {
         n = vec3(unit_or(n.x, 0.5), unit_or(n.y, 0.5), unit_or(n.z, 0.5));
     }
     float d = 0.0;
-    if ((flags & FLAG_DEPTH) != 0u) d = min(read_depth(at) / stats.depth_scale, 1.0);
+    if ((flags & FLAG_DEPTH) != 0u) d = min(read_depth(at) / depth_scale.v[0], 1.0);
     uint index = (to.y * dst_width + to.x) * 2u;
     STORE(dst, index, vec4(a, n.x));
     STORE(dst, index + 1u, vec4(n.yz, d, 0.0));

@@ -17,7 +17,7 @@ layout(push_constant) uniform Push {
     uint src_stride;      // strides and channel counts in vectors of four
     uint dst_stride;
     uint channels;
-    uint first_tile;      // x | y << 16
+    uint first_tile;      // x | y << 16, in half tiles
     uint tile_count;
     uint flags;
     uint unused;
@@ -28,7 +28,7 @@ const float EPSILON = 1e-5;
 void main() {
     uint slot = group_index();
     if (slot >= tile_count) return;
-    uvec2 at = tile_position(slot, first_tile, flags, tiles) * 8u;
+    uvec2 at = tile_origin(slot, first_tile, flags, tiles);
     at += uvec2(gl_LocalInvocationID.x % 8u, gl_LocalInvocationID.x / 8u);
     uint pixel = at.y * width + at.x;
     uint from = pixel * src_stride;

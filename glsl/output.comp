@@ -46,7 +46,7 @@ layout(push_constant) uniform Push {
     uint bottom;
     uint src_width;
     uint residual_stride; // in vectors of four
-    uint first_tile;      // x | y << 16
+    uint first_tile;      // x | y << 16, in half tiles
     uint tile_count;
     uint flags;
     float blend;
@@ -63,7 +63,7 @@ float linear_color(float log_value, float inverse_exposure) {
 void main() {
     uint slot = group_index();
     if (slot >= tile_count) return;
-    uvec2 at = tile_position(slot, first_tile, flags, tiles) * 8u;
+    uvec2 at = tile_origin(slot, first_tile, flags, tiles);
     at += uvec2(gl_LocalInvocationID.x % 8u, gl_LocalInvocationID.x / 8u);
     if (at.x < left || at.x >= right || at.y < top || at.y >= bottom) return;
 

@@ -1,4 +1,4 @@
-// Zeroes the histograms.
+// Zeroes a histogram.
 #version 460
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"
@@ -6,12 +6,12 @@
 layout(local_size_x = 256) in;
 
 layout(push_constant) uniform Push {
-    Uints histograms;
+    Uints histogram;
     uint count;
     uint unused;
 };
 
 void main() {
     uint index = group_index() * 256u + gl_LocalInvocationID.x;
-    if (index < count) histograms.v[index] = 0u;
+    if (index < count) histogram.v[index] = 0u;
 }

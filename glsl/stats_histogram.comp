@@ -1,4 +1,5 @@
-// Histograms of luminance and depth by the upper bits of the float. Integer counts: any order gives the same bits.
+// A histogram of luminance (FLAG_COLOR) or depth (FLAG_DEPTH) by the upper bits of the float. Integer counts: any order
+// gives the same bits.
 #version 460
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"
@@ -18,7 +19,7 @@ layout(set = 0, binding = 1) uniform texture2D depth_image;
 layout(push_constant) uniform Push {
     PLANE color;
     PLANE depth;
-    Uints histograms;
+    Uints histogram;
     uint color_offset;
     uint color_pixel;
     uint color_row;
@@ -38,15 +39,15 @@ void main() {
     uint index = group_index() * 64u + gl_LocalInvocationID.x;
     if (index >= width * height) return;
     uvec2 at = uvec2(index % width, index / width);
-    vec3 radiance = read_color(at);
-    if (is_valid(radiance)) {
-        float l = luminance(radiance);
-        if (l > 0.0) atomicAdd(histograms.v[floatBitsToUint(l) >> LUMINANCE_SHIFT], 1u);
+    if ((flags & FLAG_COLOR) != 0u) {
+        vec3 radiance = read_color(at);
+        float l = is_valid(radiance) ? luminance(radiance) : 0.0;
+        if (l > 0.0) atomicAdd(histogram.v[floatBitsToUint(l) >> LUMINANCE_SHIFT], 1u);
     }
     if ((flags & FLAG_DEPTH) != 0u) {
         float d = read_depth(at);
         // Depths below the first bin are counted in it.
         uint bin = max(floatBitsToUint(d) >> DEPTH_SHIFT, DEPTH_FIRST) - DEPTH_FIRST;
-        if (d > 0.0) atomicAdd(histograms.v[BINS + bin], 1u);
+        if (d > 0.0) atomicAdd(histogram.v[bin], 1u);
     }
 }

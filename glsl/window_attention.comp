@@ -22,7 +22,7 @@ layout(push_constant) uniform Push {
     uint key_vectors;
     uint value_vectors;
     float scale;          // 1 / sqrt(d)
-    uint first_tile;      // x | y << 16
+    uint first_tile;      // x | y << 16, in half tiles
     uint tile_count;
     uint flags;
     uint unused;
@@ -44,7 +44,7 @@ void main() {
     uint slot = group_index();
     if (slot >= tile_count) return;                          // whole groups only
     uint head = gl_WorkGroupID.y;
-    uvec2 at = tile_position(slot, first_tile, flags, tiles) * 8u;
+    uvec2 at = tile_origin(slot, first_tile, flags, tiles);
     window_pixel = at.y * width + at.x;
     uint lane = gl_LocalInvocationID.x;
 

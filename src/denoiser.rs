@@ -13,6 +13,7 @@ use crate::plan::{ConvAlgorithm, SeparableForm};
 use crate::profile::KernelRecord;
 use crate::vk::device::Device;
 use crate::vk::statistics::PipelineStatistic;
+use crate::vk::timestamps::Timestamps;
 use std::fmt;
 use std::str::FromStr;
 use std::sync::Arc;
@@ -82,6 +83,9 @@ pub struct Options {
     /// Bytes that a map between kernels that follow each other may take; where it would take more, they run band by band of
     /// the frame, which takes less memory and a little more work. The bits stay the same. `None`: [`MAX_CHAIN_BYTES`].
     pub max_chain_bytes: Option<u64>,
+    /// Whether what depends on albedo, normal and depth alone is kept between frames, for a camera that stands still:
+    /// [`FrameOptions::features_unchanged`], [`Denoiser::set_features_unchanged`]. It costs device memory.
+    pub keep_features: bool,
 }
 
 /// What one call of the host path did.
@@ -94,6 +98,9 @@ pub struct Report {
     /// Milliseconds of the whole call on the host: copies, device, wait. The first call of a size also plans, allocates
     /// and compiles.
     pub total_ms: f64,
+    /// Share of the FLOPs of the whole frame's pass that were computed: 1, or less with [`Denoiser::set_region`] and
+    /// [`Denoiser::set_features_unchanged`].
+    pub work: f64,
     /// Device memory of arena, weights and staging, in bytes.
     pub device_bytes: u64,
 }
@@ -126,7 +133,7 @@ impl Denoiser {
 
     /// The same, with or without the kernels shaped for CPU drivers.
     pub(crate) fn with_kernels(device: &Device, weights: &Weights, options: &Options, cpu: bool) -> Result<Self> {
-        let frame = FrameOptions { exposure: options.exposure, blend: options.blend, region: None };
+        let frame = FrameOptions { exposure: options.exposure, blend: options.blend, ..FrameOptions::default() };
         frame.check()?;
         let mut engine = Engine::new(device, weights, options)?;
         engine.cpu = cpu;
@@ -151,14 +158,21 @@ impl Denoiser {
         self.options.region = region;
     }
 
+    /// Whether the host path's next calls take albedo, normal and depth to be those of the last call without this; off at
+    /// first. It then looks at no feature that it is given, and does not compute again what depends on them alone. The
+    /// result has the same bits. For denoisers made with [`Options::keep_features`]; without them, and where no frame of
+    /// the size was denoised before, the next call is an error.
+    pub fn set_features_unchanged(&mut self, unchanged: bool) {
+        self.options.features_unchanged = unchanged;
+    }
+
     /// Whether the host path times every kernel from now on; [`Denoiser::records`] has the times. Off at first.
     ///
     /// # Errors
     /// [`Error::Unsupported`] where the device has no timestamps.
     pub fn set_profiling(&mut self, profiling: bool) -> Result<()> {
-        if profiling && !self.device().has_timestamps() {
-            let device = self.device().info().name.clone();
-            return Err(Error::Unsupported { device, missing: "timestamps on the queue (timestampValidBits)".into() });
+        if profiling {
+            Timestamps::check(self.device())?;
         }
         self.profiling = profiling;
         Ok(())
@@ -208,8 +222,8 @@ impl Denoiser {
     /// Denoises a frame in host memory and waits for the result. What a size needs is kept for the next call.
     ///
     /// # Errors
-    /// [`Error::EmptyFrame`], [`Error::PlaneMismatch`], [`Error::InvalidOption`] for a region that leaves the frame,
-    /// [`Error::FrameTooLarge`], [`Error::OutOfMemory`], [`Error::DeviceLost`], [`Error::Vulkan`]; [`Error::Binding`] on a
+    /// [`Error::EmptyFrame`], [`Error::PlaneMismatch`], [`Error::InvalidOption`] for a region that leaves the frame and for
+    /// unchanged features of which nothing is kept, [`Error::FrameTooLarge`], [`Error::OutOfMemory`], [`Error::DeviceLost`], [`Error::Vulkan`]; [`Error::Binding`] on a
     /// renderer's device, which has no queue of ours. The output is untouched then.
     pub fn denoise(&mut self, frame: &Frame, mut output: PlaneMut) -> Result<Report> {
         frame.check()?;

@@ -39,6 +39,7 @@ impl Engine {
             conv: options.conv.unwrap_or_default(),
             separable: options.separable.unwrap_or_default(),
             max_chain_bytes: options.max_chain_bytes.unwrap_or(MAX_CHAIN_BYTES),
+            keep_features: options.keep_features,
             ..PlanOptions::default()
         };
         let graph = Graph::new(weights.arch()).map_err(WeightsError::from)?;

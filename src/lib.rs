@@ -44,8 +44,8 @@
 //! # }
 //! ```
 //!
-//! The same input on the same device gives the same bits. Non-finite, negative and absurdly bright pixels are mended and
-//! stay local. All types are `Send` and `Sync`; what records or runs takes `&self` or `&mut self` as its doc says.
+//! The same input on the same device gives the same bits. Non-finite, negative and absurdly bright pixels and
+//! isolated fireflies are mended and stay local. All types are `Send` and `Sync`; what records or runs takes `&self` or `&mut self` as its doc says.
 
 pub mod denoiser;
 mod descriptors;

@@ -7,7 +7,7 @@ use crate::error::{Error, Result};
 use crate::frame::{Extent, Region};
 use crate::kernels::{Addresses, BufferId, FrameArgs, PlaneArgs, TexelRange, Variants};
 use crate::net::weights::ExposureRule;
-use crate::plan::{Place, Plan};
+use crate::plan::{Dispatch, Place, Plan};
 use crate::profile::Profiler;
 use crate::record::Recording;
 use crate::renderer::{BufferFrame, ImageFormat, ImageFrame, ImagePlane};
@@ -16,6 +16,7 @@ use crate::vk::memory::Buffer;
 use crate::vk::pipeline::Pipeline;
 use ash::vk;
 use gpu_allocator::MemoryLocation;
+use std::borrow::Cow;
 use std::sync::Arc;
 
 /// The denoiser for one frame size: its plan, and the arena of its feature maps. Made by [`crate::Denoiser::pass`].
@@ -49,11 +50,17 @@ pub struct FrameOptions {
     /// The pixels that are wanted; `None`: all. Only what they depend on is computed and only they are written, with the
     /// bits that they have in the whole frame.
     pub region: Option<Region>,
+    /// Whether albedo, normal and depth are those of the last recording of the pass that ran without this. What depends on
+    /// them alone is not computed again and they are not read; the result has the same bits. For denoisers made with
+    /// [`crate::Options::keep_features`].
+    ///
+    /// Where they are not the same, the result belongs to no frame.
+    pub features_unchanged: bool,
 }
 
 impl Default for FrameOptions {
     fn default() -> Self {
-        Self { exposure: Exposure::Auto, blend: 0.0, region: None }
+        Self { exposure: Exposure::Auto, blend: 0.0, region: None, features_unchanged: false }
     }
 }
 
@@ -99,6 +106,35 @@ impl Pass {
     /// The plan, for reports.
     pub fn plan(&self) -> &Plan {
         &self.plan
+    }
+
+    /// The share of the whole frame's FLOPs that a recording with these options does, from 0 to 1.
+    ///
+    /// # Errors
+    /// [`Error::InvalidOption`] as [`Pass::record`].
+    pub fn work(&self, options: &FrameOptions) -> Result<f64> {
+        let flops = |dispatches: &[Dispatch]| dispatches.iter().map(|dispatch| dispatch.flops).sum::<u64>() as f64;
+        Ok(flops(&self.dispatches(options)?) / flops(&self.plan.dispatches).max(1.0))
+    }
+
+    /// What runs of the plan.
+    fn dispatches(&self, options: &FrameOptions) -> Result<Cow<'_, [Dispatch]>> {
+        options.check()?;
+        let mut dispatches = Cow::Borrowed(&self.plan.dispatches[..]);
+        if let Some(region) = options.region {
+            region.check(self.plan.extent)?;
+            dispatches = self.plan.of_region(region).into();
+        }
+        if options.features_unchanged {
+            if !self.plan.keeps_features {
+                return Err(Error::InvalidOption {
+                    option: "features_unchanged",
+                    reason: "nothing was kept; make the denoiser with Options::keep_features".into(),
+                });
+            }
+            dispatches = self.plan.with_kept_features(dispatches.into_owned()).into();
+        }
+        Ok(dispatches)
     }
 
     /// Resolves a frame in the renderer's buffers. Not for the frame's hot path: it may compile kernels.
@@ -232,7 +268,6 @@ impl Pass {
         options: &FrameOptions,
         profiled: Option<(&Profiler, u32)>,
     ) -> Result<()> {
-        options.check()?;
         if binding.extent != self.plan.extent || binding.pipelines.len() != self.plan.dispatches.len() {
             let (has, wants) = (binding.extent, self.plan.extent);
             return Err(Error::Binding(format!(
@@ -240,17 +275,9 @@ impl Pass {
                 has.width, has.height, wants.width, wants.height
             )));
         }
-        let restricted;
-        let dispatches = match options.region {
-            Some(region) => {
-                region.check(self.plan.extent)?;
-                restricted = self.plan.of_region(region);
-                &restricted
-            }
-            None => &self.plan.dispatches,
-        };
+        let dispatches = self.dispatches(options)?;
         let timestamps = match profiled {
-            Some((profiler, slot)) => Some(profiler.begin(slot, dispatches, binding.variants)?),
+            Some((profiler, slot)) => Some(profiler.begin(slot, &dispatches, binding.variants)?),
             None => None,
         };
         let recording = Recording {
@@ -273,7 +300,7 @@ impl Pass {
             timestamps,
         };
         // SAFETY: the caller vouches for `commands` and for what the binding names; the arena is this pass's own.
-        unsafe { recording.record(commands, dispatches) };
+        unsafe { recording.record(commands, &dispatches) };
         Ok(())
     }
 

@@ -84,8 +84,18 @@ impl Recording<'_> {
             // SAFETY: the caller vouches for `commands`.
             unsafe { timestamps.reset(commands, first, 2 * dispatches.len() as u32) };
         }
+        let mut waits = true;
         for (i, (dispatch, pipeline)) in dispatches.iter().zip(self.pipelines).enumerate() {
-            if i == 0 || dispatch.barrier {
+            waits |= dispatch.barrier;
+            if dispatch.skipped {
+                // SAFETY: the caller vouches for `commands`.
+                unsafe {
+                    self.timestamp(commands, 2 * i as u32);
+                    self.timestamp(commands, 2 * i as u32 + 1);
+                }
+                continue;
+            }
+            if std::mem::take(&mut waits) {
                 // SAFETY: the caller vouches for `commands`.
                 unsafe { self.barrier(commands) };
             }

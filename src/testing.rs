@@ -118,6 +118,8 @@ impl Bench {
             call: call.clone(),
             barrier: true,
             flops: 0,
+            of_features: false,
+            skipped: false,
         };
         let dispatches: Vec<_> = calls.iter().map(dispatch).collect();
         let pipelines = self.pipelines.for_dispatches(&dispatches, self.variants)?;

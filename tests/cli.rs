@@ -139,6 +139,41 @@ fn denoises_with_features_reference_json_and_preview() {
 }
 
 #[test]
+fn a_region_is_the_whole_cropped() {
+    let d = Directory::new();
+    let (noisy, reference) = (d.exr("noisy.exr", FEATURES, 1.5), d.exr("reference.exr", FEATURES, 0.0));
+    let (whole, part, png) = (d.path("whole.exr"), d.path("part.exr"), d.path("part.png"));
+    succeeded(&run(arguments![noisy, "-o", whole]));
+    let region = arguments!["--region", "5,2,20,12", "--reference", reference, "--png", png, "--json"];
+    let ran = run(arguments![noisy, "-o", part].into_iter().chain(region));
+    succeeded(&ran);
+    assert!(ran.err.contains("20 x 12 from (5, 2), ") && ran.err.contains(" of 32 x 24"), "{}", ran.err);
+    let json: Value = serde_json::from_str(&ran.out).unwrap();
+    assert_eq!(json["region"], serde_json::json!([5, 2, 20, 12]));
+    let work = json["work"].as_f64().unwrap();
+    assert!(work > 0.1 && work < 1.0, "{json}");
+
+    let frame = ExrFrame::read(&part, &LayerOptions::color_only(None)).unwrap();
+    assert_eq!((frame.extent().width, frame.extent().height), (20, 12));
+    let crop =
+        |image: Vec<f32>| -> Vec<f32> { (2..14).flat_map(|y| image[3 * (y * 32 + 5)..][..3 * 20].to_vec()).collect() };
+    let wanted = crop(color(&whole));
+    assert!(frame.color().iter().zip(&wanted).all(|(a, b)| a.to_bits() == b.to_bits()));
+    let everything = exr::prelude::read_all_flat_layers_from_file(&part).unwrap();
+    assert_eq!(everything.layer_data[0].attributes.layer_position, exr::math::Vec2(5, 2));
+    assert_eq!(everything.attributes.display_window.size, exr::math::Vec2(32, 24));
+    let preview = image::open(&png).unwrap();
+    assert_eq!((preview.width(), preview.height()), (3 * 20, 12));
+    // The figures are those of the region.
+    let of_crop = |image: &[f32]| {
+        let reference = crop(color(&reference));
+        vkdenoise::metrics::Comparison::new(frame.extent(), image, &reference).unwrap().psnr()
+    };
+    let figure = |name: &str| json[name].as_f64().unwrap();
+    assert_eq!([figure("psnr_noisy"), figure("psnr")], [of_crop(&crop(color(&noisy))), of_crop(&wanted)]);
+}
+
+#[test]
 fn several_inputs_go_on_after_one_that_fails() {
     let d = Directory::new();
     for frame in 8..11 {
@@ -283,6 +318,11 @@ fn failures_name_what_is_wrong_before_a_device_is_opened() {
         (2, "Usage", arguments!["-o", out].to_vec()),
         (2, "number above 0", arguments![good, "-o", out, "--exposure", "0"].to_vec()),
         (2, "from 0 to 1", arguments![good, "-o", out, "--blend", "1.5"].to_vec()),
+        (1, "region", arguments![good, "-o", out, "--region", "0,0,33,1"].to_vec()),
+        (2, "X,Y,W,H", arguments![good, "-o", out, "--region", "0,0,8"].to_vec()),
+        (2, "X,Y,W,H", arguments![good, "-o", out, "--region", "0,0,8,0"].to_vec()),
+        (2, "X,Y,W,H", arguments![good, "-o", out, "--region", "0,0,8,8,8"].to_vec()),
+        (2, "X,Y,W,H", arguments![good, "-o", out, "--region", "-1,0,8,8"].to_vec()),
         (2, "precision", arguments![good, "-o", out, "--precision", "fp12"].to_vec()),
     ];
     let before = d.names("");

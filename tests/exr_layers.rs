@@ -3,6 +3,8 @@
 
 #[path = "exr_layers/damaged.rs"]
 mod damaged;
+#[path = "exr_layers/region.rs"]
+mod region;
 
 use exr::prelude::*;
 use std::path::{Path, PathBuf};

@@ -2,13 +2,18 @@
 
 mod common;
 
+use common::case::PREPROCESSING;
 use common::device::{assert_no_validation_messages, device};
 use common::vulkan::Renderer;
 use cpu_time::ProcessTime;
 use std::sync::{Mutex, PoisonError};
+use vkdenoise::net::{Convolution, Graph};
+use vkdenoise::plan::PlanOptions;
+use vkdenoise::profile::{PartRunner, Roof};
 use vkdenoise::{
-    BufferFrame, BufferPlane, Denoiser, Device, DeviceKind, Error, Extent, Features, Frame, FrameOptions, KernelRecord,
-    Layout, Options, Plane, PlaneMut, Profiler, SampleFormat, Weights,
+    BufferFrame, BufferPlane, Denoiser, Device, DeviceKind, DeviceOptions, DeviceSelector, Error, Extent, Features,
+    Frame, FrameOptions, KernelRecord, Layout, Options, Plane, PlaneMut, Profiler, RendererDevice, SampleFormat,
+    Weights,
 };
 
 const EXTENT: Extent = Extent::new(150, 100);
@@ -115,6 +120,11 @@ fn a_renderers_frames_have_slots_of_their_own() {
 
     let profiler = Profiler::new(&pass, 2).unwrap();
     assert!(profiler.read(0).unwrap().is_none(), "nothing was recorded");
+    renderer.record_only(|commands| {
+        // SAFETY: nothing of it is submitted.
+        unsafe { pass.record_profiled(commands, &binding, &FrameOptions::default(), &profiler, 0) }.unwrap();
+    });
+    assert!(profiler.read(0).unwrap().is_none(), "nothing was submitted");
     // Both are submitted before either is waited for.
     let fences = [0, 1].map(|slot| {
         renderer.submit(|commands| {
@@ -142,5 +152,54 @@ fn a_renderers_frames_have_slots_of_their_own() {
         assert!(matches!(recorded, Err(Error::InvalidOption { option: "slot", .. })));
     });
     drop((profiler, binding, other, pass, denoiser));
+
+    let handles = RendererDevice { host_query_reset: false, ..renderer.handles() };
+    // SAFETY: as above.
+    let without = unsafe { Device::from_renderer(handles) }.unwrap();
+    let denoiser = Denoiser::new(&without, &Weights::hybrid().unwrap(), &Options::default()).unwrap();
+    let refused = Profiler::new(&denoiser.pass(Extent::new(8, 8)).unwrap(), 1);
+    let Err(Error::Unsupported { missing, .. }) = refused else { panic!("timestamps that nobody can reset") };
+    assert_eq!(missing, "hostQueryReset");
+    drop((denoiser, without));
     renderer.assert_silent();
+}
+
+#[test]
+fn without_timestamps_the_host_times_whole_passes() {
+    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+    let selector = DeviceSelector::from_env().unwrap_or_default();
+    let options = DeviceOptions { selector, validation: true, host_clock: true, ..DeviceOptions::default() };
+    let device = Device::open_with(&options).unwrap();
+    assert!(!device.has_timestamps());
+    let extent = Extent::new(8, 8);
+    let mut denoiser = Denoiser::new(&device, &Weights::hybrid().unwrap(), &Options::default()).unwrap();
+    let refused = denoiser.set_profiling(true).unwrap_err().to_string();
+    assert!(refused.contains("timestampValidBits"), "{refused}");
+    let pass = denoiser.pass(extent).unwrap();
+    assert!(matches!(Profiler::new(&pass, 1), Err(Error::Unsupported { .. })));
+    let rgb = Layout::interleaved(extent, 3);
+    let color = vec![0.5; 3 * 64];
+    let mut output = vec![0.0; 3 * 64];
+    let frame = Frame { extent, color: Plane::f32(&color, rgb), features: Features::default() };
+    let report = denoiser.denoise(&frame, PlaneMut::f32(&mut output, rgb)).unwrap();
+    assert!(report.gpu_ms.is_none() && report.total_ms > 0.0, "{report:?}");
+    assert!(denoiser.records().is_empty());
+
+    let graph = Graph::of_convolution(Convolution::Standard, 8).unwrap();
+    let weights = Weights::hashed(&graph.arch, PREPROCESSING, 1).unwrap();
+    let mut part = PartRunner::new(&device, &graph, &weights, extent, &PlanOptions::default()).unwrap();
+    let run = part.run().unwrap();
+    assert!(run.milliseconds > 0.0 && run.records.is_empty());
+    assert_eq!(device.validation_messages(), Vec::<String>::new());
+}
+
+/// The kernel that measures products of matrices runs where the device has them, and nowhere else.
+#[test]
+fn the_roof_of_matrices_is_known_where_there_are_any() {
+    let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
+    let roof = Roof::measure(device()).unwrap();
+    println!("{roof:?}");
+    assert_eq!(roof.flops_matrix.is_some(), device().has_matrices());
+    assert!(roof.flops_matrix.is_none_or(|rate| rate > 0.0));
+    assert_no_validation_messages();
 }

@@ -87,7 +87,8 @@ fn convolutions_and_blocks_of_every_form() {
     assert_eq!(found, expected.map(|(form, kernel)| (form.to_owned(), kernel.to_owned())));
     // 64x64 tokens of 16 channels: 9 and 1 products for each pair of channels, 9 for each channel.
     let tokens = 64.0 * 64.0;
-    let (standard, depthwise, pointwise) = (2.0 * 9.0 * 256.0 * tokens, 2.0 * 9.0 * 16.0 * tokens, 2.0 * 256.0 * tokens);
+    let (standard, depthwise, pointwise) =
+        (2.0 * 9.0 * 256.0 * tokens, 2.0 * 9.0 * 16.0 * tokens, 2.0 * 256.0 * tokens);
     let flops = [standard, standard, standard, depthwise, pointwise, depthwise + pointwise];
     for (row, flops) in kernels.iter().zip(flops) {
         assert!((number(row, "/gflop") * 1e9 - flops).abs() < 0.5, "{row}");
@@ -110,6 +111,20 @@ fn convolutions_and_blocks_of_every_form() {
         let measured = block["measured"].as_array().unwrap();
         assert!(measured.len() == 3 && measured.iter().all(|m| number(m, "/ms/min") > 0.0), "{block}");
     }
+}
+
+#[test]
+fn without_timestamps_it_says_so_and_times_whole_passes() {
+    let small = ["--repeat", "2", "--host-clock"];
+    let table = |arguments: &[&str]| String::from_utf8(run(&[arguments, &small].concat())).unwrap();
+    for arguments in [&["network", "--size", "16"][..], &["conv", "--size", "16", "--channels", "8"]] {
+        let text = table(arguments);
+        assert!(text.contains("No timestamps: whole passes are timed"), "{text}");
+        assert!(!text.contains("NaN") && !text.contains("conv3x3"), "{text}");
+    }
+    let report = json(&run(&[&["network", "--size", "16", "--json"][..], &small].concat()));
+    assert_eq!(report["session"]["timestamps"], false);
+    assert!(number(&report, "/pass_ms/min") > 0.0 && report["kernels"].as_array().unwrap().is_empty());
 }
 
 #[test]

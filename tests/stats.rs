@@ -9,7 +9,7 @@ use common::random::Random;
 use half::f16;
 use vkdenoise::frame::{Extent, Region};
 use vkdenoise::kernels::frame_io::{InputAux, InputColor, Output};
-use vkdenoise::kernels::stats::{self, Clear, Histogram, Key, Select, TileMeans};
+use vkdenoise::kernels::stats::{self, Clear, Counted, Histogram, Key, Select, TileMeans};
 use vkdenoise::kernels::{BufferId, Call, PlaneArgs, Storage, Tiles, Variants, View};
 use vkdenoise::net::{Block, Convolution, Weights};
 use vkdenoise::plan::{Buffer, Place};
@@ -17,12 +17,13 @@ use vkdenoise::reference::Reference;
 use vkdenoise::testing::{Bench, SENTINEL};
 
 const STATS: BufferId = BufferId(0);
-const HISTOGRAMS: BufferId = BufferId(1);
+const HISTOGRAM: BufferId = BufferId(1);
 const TILE_LOGS: BufferId = BufferId(2);
 const LOG_COLOR: BufferId = BufferId(3);
 const AUX: BufferId = BufferId(4);
 const RESIDUAL: BufferId = BufferId(5);
 const TILE_LIST: BufferId = BufferId(6);
+const DEPTH_SCALE: BufferId = BufferId(7);
 
 const BUFFER_VARIANTS: Variants = Variants { cpu: false, images: false, output_half: false };
 
@@ -57,12 +58,13 @@ fn buffers(extent: Extent) -> Vec<Buffer> {
     let tiles = u64::from(tile_means(extent).tiles());
     let sizes = [
         ("stats", 4 * stats::STATS_FLOATS),
-        ("histograms", stats::HISTOGRAM_BYTES),
+        ("histogram", stats::HISTOGRAM_BYTES),
         ("tile logs", 4 * tiles),
         ("log color", 16 * tokens),
         ("aux", 32 * tokens),
         ("residual", 48 * tokens),
         ("tile list", tokens / 16),
+        ("depth scale", 4),
     ];
     let place = Place::Arena { block: 0, offset: 0 };
     sizes.map(|(name, bytes)| Buffer { name: name.into(), bytes, storage: Storage::F32, place: place.clone() }).into()
@@ -173,6 +175,10 @@ fn frames() -> Vec<(&'static str, TestFrame)> {
         (1070, [3e38; 3]),
         (3149, [nan; 3]),
     ];
+    // Alone, in a corner, in pairs, in rows and in a square, beside a bad pixel and just not bright enough.
+    let lit = [2835, 0, 150, 220, 1000, 1001, 1002, 1400, 1401, 1470, 1471, 2000];
+    let mut fireflies: Vec<_> = lit.map(|at| (at, [100.0, 3e4, 5.0])).into();
+    fireflies.extend([(2001, [nan; 3]), (2500, [190.0; 3])]);
     let black_tile: Vec<_> = (0..8).flat_map(|y| (0..8).map(move |x| (70 * y + 8 + x, [0.0; 3]))).collect();
     let mut depths = Random::new(5).values(70 * 45, 2.0, 9.0);
     for (i, depth) in [nan, inf, -inf, -1.0, 0.0, 1e9, 1e10, 9e8].into_iter().enumerate() {
@@ -190,6 +196,7 @@ fn frames() -> Vec<(&'static str, TestFrame)> {
         ("grey", flat(odd, 0.18)),
         ("all bad", flat(Extent::new(9, 9), nan)),
         ("bad pixels", with_pixels(random(), &bad)),
+        ("isolated fireflies", with_pixels(random(), &fireflies)),
         ("a black tile", with_pixels(random(), &black_tile)),
         ("very dark", scaled(1e-30)),
         ("very bright", scaled(1e33)),
@@ -206,23 +213,28 @@ fn statistics() {
         let Extent { width, height } = frame.extent;
         let buffers = buffers(frame.extent);
         let mut rig = Rig::new(name, &frame, &buffers, BUFFER_VARIANTS);
-        rig.run(&[
-            Call::StatsClear(Clear { histograms: HISTOGRAMS }),
-            Call::StatsHistogram(Histogram { histograms: HISTOGRAMS, width, height }),
-        ]);
-        let counts: Vec<f64> = rig.download(HISTOGRAMS).into_iter().map(|f| f.to_bits().into()).collect();
-        let expected = rig.reference.buffer(HISTOGRAMS);
-        let moved: f64 = counts.iter().zip(expected).map(|(a, b)| (a - b).abs()).sum();
-        assert_eq!(counts.iter().sum::<f64>(), expected.iter().sum::<f64>(), "{name}");
-        // Where a luminance lies on the edge of a bin, its rounding decides.
-        assert!(moved <= 0.002 * f64::from(width * height), "{name}: {moved} pixels are in other bins");
+        for (counted, dst) in [(Counted::Luminance, STATS), (Counted::Depth, DEPTH_SCALE)] {
+            let histogram = HISTOGRAM;
+            rig.run(&[
+                Call::StatsClear(Clear { histogram }),
+                Call::StatsHistogram(Histogram { histogram, counted, width, height }),
+            ]);
+            let counts: Vec<f64> = rig.download(HISTOGRAM).into_iter().map(|f| f.to_bits().into()).collect();
+            let expected = rig.reference.buffer(HISTOGRAM);
+            let moved: f64 = counts.iter().zip(expected).map(|(a, b)| (a - b).abs()).sum();
+            assert_eq!(counts.iter().sum::<f64>(), expected.iter().sum::<f64>(), "{name}: {counted:?}");
+            // Where a luminance lies on the edge of a bin, its rounding decides.
+            let most = if counted == Counted::Luminance { 0.002 * f64::from(width * height) } else { 0.0 };
+            assert!(moved <= most, "{name}: {moved} pixels are in other bins of {counted:?}");
 
-        rig.bench.upload(HISTOGRAMS, &expected_bits(expected));
-        rig.run(&[Call::StatsSelect(Select { histograms: HISTOGRAMS, stats: STATS })]);
-        let stats = rig.reference.buffer(STATS).to_vec();
-        assert_close(&format!("{name}: median, depth scale"), &rig.download(STATS)[..2], &stats[..2], 2e-7, f64::abs);
+            rig.bench.upload(HISTOGRAM, &expected_bits(expected));
+            rig.run(&[Call::StatsSelect(Select { histogram, counted, dst })]);
+            let expected = rig.reference.buffer(dst)[0];
+            assert_close(&format!("{name}: {counted:?}"), &rig.download(dst)[..1], &[expected], 2e-7, f64::abs);
+        }
 
-        rig.set(STATS, &[stats[0] as f32, stats[1] as f32, f32::NAN, f32::NAN]);
+        let median = rig.reference.buffer(STATS)[0];
+        rig.set(STATS, &[median as f32, f32::NAN, f32::NAN]);
         rig.run(&[Call::StatsTiles(tile_means(frame.extent))]);
         let (found, expected) = (rig.download(TILE_LOGS), rig.reference.buffer(TILE_LOGS));
         for (i, (&found, &expected)) in found.iter().zip(expected).enumerate() {
@@ -238,7 +250,7 @@ fn statistics() {
         rig.compare(STATS, 3e-6, f64::abs);
         rig.bench.planes.exposure = Some(3.5);
         rig.bench.run(&[key]).unwrap();
-        assert_eq!(rig.download(STATS)[3], 3.5, "{name}: a fixed exposure is taken as it is");
+        assert_eq!(rig.download(STATS)[2], 3.5, "{name}: a fixed exposure is taken as it is");
     }
     assert_no_validation_messages();
 }
@@ -267,12 +279,13 @@ fn the_way_in() {
         let buffers = buffers(frame.extent);
         let mut rig = Rig::new(name, &frame, &buffers, BUFFER_VARIANTS);
         // Keys from the frame's own to one that makes fireflies of many of its pixels.
-        let key = [0.2, 3e-9, 1e-25, 1e34][i % 4] as f32;
-        rig.set(STATS, &[f32::NAN, 7.5, key, 0.18 / key]);
+        let key = if name.contains("fireflies") { 0.2 } else { [0.2, 3e-9, 1e-25, 1e34][i % 4] as f32 };
+        rig.set(STATS, &[f32::NAN, key, 0.18 / key]);
+        rig.set(DEPTH_SCALE, &[7.5]);
         let tiles = tiles(&mut rig, frame.extent, i % 3 == 0 && width > 8);
         rig.run(&[
             Call::InputColor(InputColor { stats: STATS, dst: log_color(frame.extent), width, height, tiles }),
-            Call::InputAux(InputAux { stats: STATS, dst: aux(frame.extent), width, height, tiles }),
+            Call::InputAux(InputAux { depth_scale: DEPTH_SCALE, dst: aux(frame.extent), width, height, tiles }),
         ]);
         // log1p to 4 ulp, and the roundings of exposure and of a mended pixel's mean before it.
         rig.compare(LOG_COLOR, 7e-7, f64::abs);
@@ -289,7 +302,7 @@ fn the_way_out() {
         let buffers = buffers(extent);
         let mut rig = Rig::new(name, &frame, &buffers, Variants { output_half, ..BUFFER_VARIANTS });
         let exposure = [0.36, 1e-5, 2e4, 1e-33][i % 4];
-        rig.set(STATS, &[f32::NAN, f32::NAN, f32::NAN, exposure]);
+        rig.set(STATS, &[f32::NAN, f32::NAN, exposure]);
         let mut random = Random::new(i as u64);
         let tokens = log_color(extent).tokens() as usize;
         let colors = random.values(4 * tokens, 0.0, [1e-4, 3.0, 11.0][i % 3]);

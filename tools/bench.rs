@@ -5,6 +5,10 @@
 mod budget;
 #[path = "bench/budget_command.rs"]
 mod budget_command;
+#[path = "bench/pareto/mod.rs"]
+mod pareto;
+#[path = "bench/pareto_command.rs"]
+mod pareto_command;
 #[path = "bench/stress/mod.rs"]
 mod stress;
 #[path = "bench/stress_command.rs"]
@@ -53,6 +57,8 @@ enum Command {
     },
     /// Show where precision goes: every dispatch on the device beside the same in f64.
     Budget(budget_command::BudgetArgs),
+    /// Run time against error: every tier of every network on a directory of rendered pairs, with the Pareto front.
+    Pareto(pareto_command::ParetoArgs),
     /// Try to break the denoiser: every stress case on every tier that the device runs, as a matrix of figures and bounds.
     Stress(stress_command::StressArgs),
     /// Print the device memory that a size takes, from the plan. Nothing is allocated for it.
@@ -96,6 +102,7 @@ fn main() -> ExitCode {
             })
         }
         Command::Budget(args) => budget_command::run(&args),
+        Command::Pareto(args) => pareto_command::run(&args),
         Command::Stress(args) => stress_command::run(&args),
         Command::Memory { size, device, forms } => memory(&device, size, &forms.options()).map_err(Into::into),
     };

@@ -1,7 +1,6 @@
-// Statistics of the frame.
+// Statistics of the colour.
 layout(buffer_reference, std430, buffer_reference_align = 4) buffer Stats {
     float median;         // luminance of the median lit pixel; 0 where there is none
-    float depth_scale;
     float key;
     float exposure;
 };
@@ -16,3 +15,6 @@ const float NO_LIGHT = -1e31;            // log-luminance of a tile without ligh
 const float TILE_CAP = 64.0;
 const float TILE_FLOOR = 1.0 / 1024.0;
 const float BAD_PIXEL = 1e8;             // times the key
+// A pixel of more than so many keys is bad if it is also more than so many times its second-brightest neighbour.
+const float ISOLATED_KEYS = 1e3;
+const float ISOLATED_RATIO = 100.0;

@@ -1,17 +1,18 @@
 // Work is cut into tiles of 8x8 tokens, the attention window: one size for every kernel of a resolution, so that one
-// list of active tiles serves them all. Entry: x | y << 16, in tiles. Without a list the tiles are those of a rectangle: its
-// first one is coded like an entry, its columns are the upper half of the flags.
+// list of active tiles serves them all. Entry: x | y << 16, in tiles. Without a list the tiles are those of a rectangle,
+// whose columns are the upper half of the flags; it begins at any half tile, x | y << 16.
 layout(buffer_reference, std430, buffer_reference_align = 4) readonly buffer TileList { uint v[]; };
 
 const uint FLAG_TILE_LIST = 1u;
 
-uvec2 tile_position(uint slot, uint first, uint flags, TileList list) {
+// The first token of a tile.
+uvec2 tile_origin(uint slot, uint first, uint flags, TileList list) {
     if ((flags & FLAG_TILE_LIST) != 0u) {
         uint packed_tile = list.v[slot];
-        return uvec2(packed_tile & 0xffffu, packed_tile >> 16);
+        return uvec2(packed_tile & 0xffffu, packed_tile >> 16) * 8u;
     }
     uint columns = flags >> 16;
-    return uvec2(first & 0xffffu, first >> 16) + uvec2(slot % columns, slot / columns);
+    return uvec2(first & 0xffffu, first >> 16) * 4u + uvec2(slot % columns, slot / columns) * 8u;
 }
 
 // Vulkan guarantees 65535 groups in x only; the rest goes to z.

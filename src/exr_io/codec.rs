@@ -26,13 +26,23 @@ fn largest_ratio(compression: Compression) -> u64 {
     }
 }
 
-/// A block's rectangle within the data window, in pixels.
+/// A rectangle of pixels; a block's lies within its data window.
 #[derive(Clone, Copy)]
-struct Rectangle {
-    x: usize,
-    y: usize,
-    width: usize,
-    height: usize,
+pub(super) struct Rectangle {
+    pub x: usize,
+    pub y: usize,
+    pub width: usize,
+    pub height: usize,
+}
+
+impl Rectangle {
+    /// What both cover, if anything.
+    fn overlap(self, other: Self) -> Option<Self> {
+        let (x, y) = (self.x.max(other.x), self.y.max(other.y));
+        let right = (self.x + self.width).min(other.x + other.width);
+        let bottom = (self.y + self.height).min(other.y + other.height);
+        (x < right && y < bottom).then(|| Self { x, y, width: right - x, height: bottom - y })
+    }
 }
 
 /// Checks a part's size against the limits before memory is allocated for its pixels.
@@ -102,6 +112,15 @@ pub(super) fn encode_color(
 ) -> Result<Vec<u8>, ExrError> {
     let header = container.header(chunk.part);
     let (rectangle, mut bytes) = decompress(container, chunk, tile)?;
+    put_color(header, channels, color, rectangle, &mut bytes);
+    guarded(container, chunk.index, || {
+        let window = header.get_absolute_block_pixel_coordinates(tile)?;
+        header.compression.compress_image_section_to_le(header, bytes, window)
+    })
+}
+
+/// Writes `color` (interleaved RGB of the whole data window) into the colour channels of the samples of a rectangle.
+pub(super) fn put_color(header: &Header, channels: &[usize], color: &[f32], rectangle: Rectangle, bytes: &mut [u8]) {
     let places = channel_places(&header.channels);
     let gray = channels.iter().all(|c| *c == channels[0]);
     let components = if gray { 1 } else { channels.len() };
@@ -115,16 +134,52 @@ pub(super) fn encode_color(
             write_line(&mut bytes[range], sample_type, values);
         }
     }
-    guarded(container, chunk, || {
-        let window = header.get_absolute_block_pixel_coordinates(tile)?;
-        header.compression.compress_image_section_to_le(header, bytes, window)
-    })
+}
+
+/// The samples of a rectangle of a part, all channels, in the order of a block. The caller has called [`check_size`], and
+/// the part has no subsampled channels.
+pub(super) fn cut_out(container: &Container, part: usize, rectangle: Rectangle) -> Result<Vec<u8>, ExrError> {
+    let header = container.header(part);
+    let mut out = vec![0; rectangle.width * rectangle.height * header.channels.bytes_per_pixel];
+    let mut chunks = container.full_size_chunks(part);
+    chunks.retain(|(_, tile)| {
+        let (block, at) = (header.max_block_pixel_size(), tile.tile_index);
+        let (x, y) = (at.x() * block.x(), at.y() * block.y());
+        rectangle.overlap(Rectangle { x, y, width: block.x(), height: block.y() }).is_some()
+    });
+    for batch in chunks.chunks(batch_len(container, part)) {
+        for block in parallel(batch, |(chunk, tile)| decompress(container, chunk, *tile)) {
+            let (from, bytes) = block?;
+            copy_samples(&header.channels, (from, &bytes), (rectangle, &mut out));
+        }
+    }
+    Ok(out)
+}
+
+/// Copies what two rectangles of samples have in common from one to the other.
+pub(super) fn copy_samples(
+    channels: &ChannelList,
+    (from, source): (Rectangle, &[u8]),
+    (to, target): (Rectangle, &mut [u8]),
+) {
+    let Some(both) = from.overlap(to) else { return };
+    for (start, sample_type) in channel_places(channels) {
+        let size = sample_type.bytes_per_sample();
+        for y in both.y..both.y + both.height {
+            let range = |of: Rectangle| {
+                let line = line_range(of, y - of.y, start, channels.bytes_per_pixel, sample_type);
+                let first = line.start + (both.x - of.x) * size;
+                first..first + both.width * size
+            };
+            target[range(to)].copy_from_slice(&source[range(from)]);
+        }
+    }
 }
 
 fn decompress(container: &Container, chunk: &Chunk, tile: TileCoordinates) -> Result<(Rectangle, Vec<u8>), ExrError> {
     container.check_place(chunk, tile)?;
     let header = container.header(chunk.part);
-    guarded(container, chunk, || {
+    guarded(container, chunk.index, || {
         let window = header.get_absolute_block_pixel_coordinates(tile)?;
         let position = window.position.to_usize("block position")?;
         let size = window.size;
@@ -155,9 +210,9 @@ fn check_dwa_sizes(header: &Header, data: &[u8], size: Vec2<usize>) -> exr::erro
 }
 
 /// Runs the codec on one block. It is another's code on unchecked bytes: a panic in it is a damaged file.
-fn guarded<R>(
+pub(super) fn guarded<R>(
     container: &Container,
-    chunk: &Chunk,
+    block: usize,
     work: impl FnOnce() -> exr::error::Result<R>,
 ) -> Result<R, ExrError> {
     match catch_unwind(AssertUnwindSafe(work)) {
@@ -165,8 +220,8 @@ fn guarded<R>(
         Ok(Err(exr::error::Error::NotSupported(reason))) => {
             Err(ExrError::unsupported(&container.path, format!("{reason}; write it with ZIP or PIZ")))
         }
-        Ok(Err(error)) => Err(ExrError::damaged(&container.path, format!("block {}: {error}", chunk.index))),
-        Err(_) => Err(ExrError::damaged(&container.path, format!("block {} cannot be decoded", chunk.index))),
+        Ok(Err(error)) => Err(ExrError::damaged(&container.path, format!("block {block}: {error}"))),
+        Err(_) => Err(ExrError::damaged(&container.path, format!("block {block} cannot be decoded"))),
     }
 }
 

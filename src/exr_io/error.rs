@@ -94,6 +94,14 @@ pub enum ExrError {
         /// The data window of the colour.
         wanted: String,
     },
+    /// The region to write has no pixels or leaves the colour's data window.
+    #[error("{}: {reason}", path.display())]
+    Region {
+        /// The file that was read.
+        path: PathBuf,
+        /// What the region is, and what it may be.
+        reason: String,
+    },
     /// The colour to write has the wrong number of samples.
     #[error("{} needs {wanted} colour samples (3 a pixel), but was given {found}", path.display())]
     ColorLength {

@@ -5,6 +5,7 @@
 //! replaced: header (attributes, windows, compression, channel types), block order, alpha, other layers and other parts
 //! stay as they were. Blocks that hold no colour are copied bit for bit; those that do are compressed anew, which with
 //! a lossy compression (B44, DWA, PXR24) rounds the other channels of that part a second time.
+//! [`ExrFrame::write_region`] writes a part of the pixels as a file of its own.
 //!
 //! Names, compared without case, spaces and punctuation, best first:
 //!
@@ -28,6 +29,7 @@
 mod assemble;
 mod codec;
 mod container;
+mod crop;
 mod error;
 mod layers;
 mod replace;
@@ -37,7 +39,7 @@ pub use codec::MAX_PIXELS;
 pub use error::ExrError;
 pub use replace::replace_file;
 
-use crate::frame::{Extent, Features, Frame, Layout, Plane, widen_half_depths};
+use crate::frame::{Extent, Features, Frame, Layout, Plane, Region, widen_half_depths};
 use container::Container;
 use exr::meta::attribute::SampleType;
 use layers::Layer;
@@ -312,11 +314,46 @@ impl ExrFrame {
     /// [`ExrError::ColorLength`], [`ExrError::Write`].
     pub fn write_with_color(&self, path: impl AsRef<Path>, color: &[f32]) -> Result<(), ExrError> {
         let path = path.as_ref();
+        self.check_color(path, color)?;
+        let Pick { part, channels, .. } = &self.pick;
+        replace_file(path, |out| assemble::assemble(&self.container, *part, channels, color, out))
+    }
+
+    /// Checks that a region of the colour's data window, counted in pixels from its upper left corner, can be written as a
+    /// file of its own.
+    ///
+    /// # Errors
+    /// [`ExrError::Region`] where it is empty or leaves the data window; [`ExrError::Unsupported`] where a part that it
+    /// meets is a mip map or has subsampled channels.
+    pub fn check_region(&self, region: Region) -> Result<(), ExrError> {
+        region
+            .check(self.extent)
+            .map_err(|error| ExrError::Region { path: self.container.path.clone(), reason: error.to_string() })?;
+        crop::check(&self.container, crop::window_of(&self.container, self.pick.part, region))
+    }
+
+    /// The same as [`ExrFrame::write_with_color`], cropped: the data window of the file that is written is that of the
+    /// region, and every channel of every part keeps its samples there. Parts that lie outside are left out. The display
+    /// window and all other attributes stay.
+    ///
+    /// `color` is still that of the whole data window; what lies outside the region is not looked at.
+    ///
+    /// # Errors
+    /// As [`ExrFrame::check_region`]; [`ExrError::ColorLength`], [`ExrError::Write`].
+    pub fn write_region(&self, path: impl AsRef<Path>, color: &[f32], region: Region) -> Result<(), ExrError> {
+        let path = path.as_ref();
+        self.check_color(path, color)?;
+        self.check_region(region)?;
+        let Pick { part, channels, .. } = &self.pick;
+        let window = crop::window_of(&self.container, *part, region);
+        replace_file(path, |out| crop::write(&self.container, (*part, channels), color, window, out))
+    }
+
+    fn check_color(&self, path: &Path, color: &[f32]) -> Result<(), ExrError> {
         if color.len() != self.color.len() {
             return Err(ExrError::ColorLength { path: path.into(), wanted: self.color.len(), found: color.len() });
         }
-        let Pick { part, channels, .. } = &self.pick;
-        replace_file(path, |out| assemble::assemble(&self.container, *part, channels, color, out))
+        Ok(())
     }
 }
 

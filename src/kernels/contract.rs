@@ -56,6 +56,21 @@ pub struct Binding {
 pub struct Constant {
     /// Name, the same in Rust and GLSL.
     pub name: &'static str,
+    /// What the device fills it with.
+    pub value: ConstantValue,
+}
+
+/// What fills a specialisation constant: a size of the device's cooperative matrices.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum ConstantValue {
+    /// Invocations of so many subgroups.
+    Subgroups(u32),
+    /// Rows of the first factor.
+    MatrixRows,
+    /// Columns of the second factor.
+    MatrixColumns,
+    /// Columns of the first factor.
+    MatrixDepth,
 }
 
 /// One compiled variant of a kernel.
@@ -87,6 +102,8 @@ pub enum Need {
     Storage16,
     /// `shaderFloat16`.
     Float16,
+    /// Cooperative matrices of halves with sums of 32-bit floats, and full subgroups of a fixed size.
+    Matrix,
 }
 
 impl std::fmt::Display for Need {
@@ -95,6 +112,7 @@ impl std::fmt::Display for Need {
             Self::CpuDriver => "subgroupShuffle over 8 lanes, shaderInt64 and minTexelBufferOffsetAlignment 16",
             Self::Storage16 => "storageBuffer16BitAccess",
             Self::Float16 => "shaderFloat16",
+            Self::Matrix => "VK_KHR_cooperative_matrix of halves summed in 32-bit floats by a subgroup",
         })
     }
 }

@@ -4,7 +4,7 @@
 //! Strides and channel counts named `*_stride` and `*_channels` count vectors of four channels where maps are meant,
 //! and samples where the caller's planes are meant.
 
-use super::contract::{Binding, BindingType, Contract, Need, push_constants};
+use super::contract::{Binding, BindingType, Constant, ConstantValue, Contract, Need, push_constants};
 
 push_constants! {
     /// Dense 3x3 convolution.
@@ -82,14 +82,14 @@ push_constants! {
 }
 
 push_constants! {
-    /// Zeroes the frame's histograms.
-    StatsClearPush { histograms: Address, count: U32, unused: U32 }
+    /// Zeroes a histogram.
+    StatsClearPush { histogram: Address, count: U32, unused: U32 }
 }
 
 push_constants! {
-    /// Histograms of luminance and depth.
+    /// Histogram of luminance or depth.
     StatsHistogramPush {
-        color: Address, depth: Address, histograms: Address,
+        color: Address, depth: Address, histogram: Address,
         color_offset: U32, color_pixel: U32, color_row: U32, color_channel: U32,
         depth_offset: U32, depth_pixel: U32, depth_row: U32,
         width: U32, height: U32, flags: U32,
@@ -97,8 +97,8 @@ push_constants! {
 }
 
 push_constants! {
-    /// Median luminance and depth scale, from the histograms.
-    StatsSelectPush { histograms: Address, stats: Address }
+    /// Median luminance or depth scale, from the histogram.
+    StatsSelectPush { histogram: Address, dst: Address, of_depth: U32, unused: U32 }
 }
 
 push_constants! {
@@ -127,7 +127,7 @@ push_constants! {
 push_constants! {
     /// Albedo, normal and depth to the network's input.
     InputAuxPush {
-        albedo: Address, normal: Address, depth: Address, stats: Address, dst: Address, tiles: Address,
+        albedo: Address, normal: Address, depth: Address, depth_scale: Address, dst: Address, tiles: Address,
         albedo_offset: U32, albedo_pixel: U32, albedo_row: U32, albedo_channel: U32,
         normal_offset: U32, normal_pixel: U32, normal_row: U32, normal_channel: U32,
         depth_offset: U32, depth_pixel: U32, depth_row: U32,
@@ -154,10 +154,6 @@ push_constants! {
     /// A copy for its own sake.
     RoofCopyPush { src: Address, dst: Address }
 }
-
-/// Variants that differ only in what a shader is compiled for.
-const BASE: Contract =
-    Contract { name: "", source: "", defines: &[], push: &[], bindings: &[], constants: &[], needs: &[] };
 
 const COLOR_IMAGE: &[Binding] = &[Binding { name: "color_image", ty: BindingType::SampledImage }];
 const COLOR_DEPTH_IMAGES: &[Binding] = &[
@@ -201,12 +197,27 @@ const ATTENTION_TEXELS: &[Binding] = &[
     Binding { name: "f_texels", ty: BindingType::TexelBuffer },
 ];
 
+const MATRIX: &[Need] = &[Need::Matrix];
+
+/// As `glsl/shared/matrix.glsl` declares them.
+const MATRIX_CONSTANTS: &[Constant] = &[
+    Constant { name: "INVOCATIONS", value: ConstantValue::Subgroups(MATRIX_SUBGROUPS) },
+    Constant { name: "ROWS", value: ConstantValue::MatrixRows },
+    Constant { name: "COLUMNS", value: ConstantValue::MatrixColumns },
+    Constant { name: "DEPTH", value: ConstantValue::MatrixDepth },
+];
+
+/// Subgroups of a workgroup of the matrix kernels.
+pub const MATRIX_SUBGROUPS: u32 = 4;
+
 macro_rules! contracts {
+    (@constants) => { &[] };
+    (@constants $constants:expr) => { $constants };
     ($($(#[$meta:meta])* $konst:ident = $name:literal $source:literal $push:ident
-       { $($key:literal : $value:literal),* } $bindings:expr, $needs:expr;)*) => {
+       { $($key:literal : $value:literal),* } $bindings:expr, $needs:expr $(, $constants:expr)?;)*) => {
         $($(#[$meta])* pub const $konst: Contract = Contract {
             name: $name, source: $source, defines: &[$(($key, $value)),*], push: $push::FIELDS,
-            bindings: $bindings, needs: $needs, ..BASE
+            bindings: $bindings, needs: $needs, constants: contracts!(@constants $($constants)?),
         };)*
         /// Every variant that the build compiles.
         pub const ALL: &[&Contract] = &[$(&$konst),*];
@@ -272,14 +283,14 @@ contracts! {
     TOKEN_SUM = "token_sum" "token_sum.comp" TokenSumPush {} &[], &[];
     /// FiLM vectors.
     FILM_VECTOR = "film_vector" "film_vector.comp" FilmVectorPush {} &[], &[];
-    /// Histograms to zero.
+    /// A histogram to zero.
     STATS_CLEAR = "stats_clear" "stats_clear.comp" StatsClearPush {} &[], &[];
-    /// Histograms.
+    /// Histogram.
     STATS_HISTOGRAM = "stats_histogram" "stats_histogram.comp" StatsHistogramPush {} &[], &[];
-    /// Histograms of images.
+    /// Histogram of an image.
     STATS_HISTOGRAM_IMAGE = "stats_histogram_image" "stats_histogram.comp" StatsHistogramPush
         { "IMAGES": "1" } COLOR_DEPTH_IMAGES, &[];
-    /// Median and depth scale.
+    /// Median or depth scale.
     STATS_SELECT = "stats_select" "stats_select.comp" StatsSelectPush {} &[], &[];
     /// Log-luminance of tiles.
     STATS_TILES = "stats_tiles" "stats_tiles.comp" StatsTilesPush {} &[], &[];
@@ -309,6 +320,8 @@ contracts! {
     ROOF_FMA_F32 = "roof_fma_f32" "roof_fma.comp" RoofFmaPush {} &[], &[];
     /// Multiply-adds of pairs of halves.
     ROOF_FMA_F16 = "roof_fma_f16" "roof_fma.comp" RoofFmaPush { "HALF": "1" } &[], &[Need::Float16];
+    /// Products of matrices of halves.
+    ROOF_MATRIX = "roof_matrix" "roof_matrix.comp" RoofFmaPush {} &[], MATRIX, MATRIX_CONSTANTS;
     /// A copy of 32-bit floats.
     ROOF_COPY_F32 = "roof_copy_f32" "roof_copy.comp" RoofCopyPush {} &[], &[];
     /// A copy of halves.

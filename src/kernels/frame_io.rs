@@ -2,6 +2,7 @@
 
 use super::contract::Contract;
 use super::contracts::{self, InputAuxPush, InputColorPush, OutputPush};
+use super::stats::STATS_FLOATS;
 use super::{Addresses, BufferId, Kernel, PlaneArgs, PushBytes, Tiles, Traffic, Variants, View, flags, groups};
 use crate::frame::Region;
 
@@ -18,6 +19,9 @@ fn plane_flags(plane: &PlaneArgs, present: u32, half: u32) -> u32 {
 }
 
 /// Colour to `log1p(colour * exposure)`: bad pixels mended, reflected into the padding. One group per tile.
+///
+/// A pixel is bad that is not finite, negative, of a channel above 1e8 keys, or isolated: its brightest channel is above 1000
+/// keys and 100 times that of its second-brightest neighbour. It takes the mean of its good neighbours among the 3x3, else 0.
 #[derive(Clone, Debug, PartialEq)]
 pub struct InputColor {
     /// The statistics.
@@ -60,16 +64,20 @@ impl Kernel for InputColor {
         })
     }
 
+    fn reads_color(&self) -> bool {
+        true
+    }
+
     fn traffic(&self) -> Traffic {
-        Traffic { reads: vec![(self.stats, 16)], writes: vec![(self.dst.buffer, self.dst.bytes())] }
+        Traffic { reads: vec![(self.stats, STATS_FLOATS * 4)], writes: vec![(self.dst.buffer, self.dst.bytes())] }
     }
 }
 
 /// Albedo, normal and depth to the network's seven auxiliary channels and a zero.
 #[derive(Clone, Debug, PartialEq)]
 pub struct InputAux {
-    /// The statistics.
-    pub stats: BufferId,
+    /// One float.
+    pub depth_scale: BufferId,
     /// Eight channels, padded size.
     pub dst: View,
     /// Size of the frame in pixels.
@@ -98,7 +106,7 @@ impl Kernel for InputAux {
             albedo: at.frame.albedo.address,
             normal: at.frame.normal.address,
             depth: at.frame.depth.address,
-            stats: at.of(self.stats),
+            depth_scale: at.of(self.depth_scale),
             dst: at.view(&self.dst),
             tiles: at.tiles(&self.tiles),
             albedo_offset: at.frame.albedo.offset,
@@ -123,7 +131,7 @@ impl Kernel for InputAux {
     }
 
     fn traffic(&self) -> Traffic {
-        Traffic { reads: vec![(self.stats, 16)], writes: vec![(self.dst.buffer, self.dst.bytes())] }
+        Traffic { reads: vec![(self.depth_scale, 4)], writes: vec![(self.dst.buffer, self.dst.bytes())] }
     }
 }
 
@@ -184,6 +192,10 @@ impl Kernel for Output {
         })
     }
 
+    fn reads_color(&self) -> bool {
+        true
+    }
+
     fn traffic(&self) -> Traffic {
         let pixels = u64::from(self.width) * u64::from(self.height);
         let map = |view: &View| pixels * 4 * view.storage.bytes();
@@ -191,7 +203,7 @@ impl Kernel for Output {
             reads: vec![
                 (self.residual.buffer, map(&self.residual)),
                 (self.log_color.buffer, map(&self.log_color)),
-                (self.stats, 16),
+                (self.stats, STATS_FLOATS * 4),
             ],
             writes: vec![],
         }

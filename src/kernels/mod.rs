@@ -14,6 +14,7 @@ pub mod maps;
 pub mod separable;
 pub mod spirv;
 pub mod stats;
+mod tiles;
 pub mod window_attention;
 pub mod winograd;
 
@@ -21,9 +22,7 @@ use contract::Contract;
 
 pub use crate::net::graph::{Activation, Shuffle};
 pub use accesses::Accesses;
-
-/// Side of a tile in tokens: the attention window, and the grain of every list of active tiles.
-pub const TILE: u32 = 8;
+pub use tiles::{HALF_TILE, TILE, TileRect, Tiles, TokenRect};
 
 /// Workgroups in x of one dispatch, the least that Vulkan guarantees; more go to z.
 pub const MAX_GROUPS_X: u32 = 65535;
@@ -96,46 +95,6 @@ impl View {
         let above = u64::from(self.top) * u64::from(self.width) * u64::from(self.stride);
         (above + u64::from(self.first)) * self.storage.bytes()
     }
-}
-
-/// A rectangle of tiles, ends excluded. Nothing where `right <= left` or `bottom <= top`.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct TileRect {
-    /// First column.
-    pub left: u32,
-    /// First row.
-    pub top: u32,
-    /// Column after the last.
-    pub right: u32,
-    /// Row after the last.
-    pub bottom: u32,
-}
-
-impl TileRect {
-    /// Tiles in it.
-    pub fn count(&self) -> u32 {
-        self.columns() * self.bottom.saturating_sub(self.top)
-    }
-
-    fn columns(&self) -> u32 {
-        self.right.saturating_sub(self.left)
-    }
-}
-
-/// The tiles that a dispatch works on.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum Tiles {
-    /// Every tile of the map, row by row.
-    All,
-    /// Those of a rectangle, row by row.
-    Rect(TileRect),
-    /// The `count` tiles that the buffer lists, as `x | y << 16` in tiles, each at most once.
-    List {
-        /// Where the list lies.
-        buffer: BufferId,
-        /// Its length.
-        count: u32,
-    },
 }
 
 /// A plane of the frame, as the caller's buffer has it. Strides and offset count samples.
@@ -282,6 +241,10 @@ pub trait Kernel {
     fn texels(&self) -> Vec<TexelRange> {
         Vec::new()
     }
+    /// Whether its result depends on the frame's colour, or on what may change with every frame: exposure and blend.
+    fn reads_color(&self) -> bool {
+        false
+    }
     /// Memory that it touches.
     fn traffic(&self) -> Traffic;
 }
@@ -412,34 +375,6 @@ fn activation_flag(activation: Activation) -> u32 {
         Activation::None => 0,
         Activation::Relu => flags::RELU,
         Activation::LeakyRelu => flags::LEAKY_RELU,
-    }
-}
-
-impl Tiles {
-    /// Flag bits and, in the upper half, the columns of the rectangle; `width` is the map's, in tokens.
-    fn flags(&self, width: u32) -> u32 {
-        match self {
-            Self::All => width.div_ceil(TILE) << 16,
-            Self::Rect(rect) => rect.columns() << 16,
-            Self::List { .. } => flags::TILE_LIST,
-        }
-    }
-
-    /// The first tile, as `x | y << 16`.
-    fn first(&self) -> u32 {
-        match self {
-            Self::Rect(rect) => rect.left | rect.top << 16,
-            _ => 0,
-        }
-    }
-
-    /// Tiles to work on in a map of `width` x `height` tokens.
-    pub fn count(&self, width: u32, height: u32) -> u32 {
-        match self {
-            Self::All => width.div_ceil(TILE) * height.div_ceil(TILE),
-            Self::Rect(rect) => rect.count(),
-            Self::List { count, .. } => *count,
-        }
     }
 }
 

@@ -1,9 +1,9 @@
 //! Statistics of the frame: exposure and depth scale, by integer histograms and fixed-order sums.
 //!
 //! 1. [`Histogram`] counts the luminances (valid pixels, above 0) by the upper 16 bits of the float, 128 bins an octave,
-//!    and the valid depths in 512 bins an octave, so that their unit makes no difference: the scale follows them within
+//!    or the valid depths in 512 bins an octave, so that their unit makes no difference: the scale follows them within
 //!    0.2 %.
-//! 2. [`Select`] reads the median luminance `m` and the 99.9th percentile of depth from them.
+//! 2. [`Select`] reads the median luminance `m`, or the 99.9th percentile of depth, from it.
 //! 3. [`TileMeans`] takes the mean of `min(luminance, 64 m)` over the pixels of every 8x8 tile that are valid and of no
 //!    channel above 1e8 m, and its base-2 logarithm relative to m, at least -10.
 //! 4. [`Key`] averages those logarithms over the tiles that have any light: `key = m 2^mean`, `exposure = 0.18 / key`.
@@ -17,16 +17,32 @@ use super::{Addresses, BufferId, Kernel, PushBytes, TILE, Traffic, Variants, gro
 
 /// Bins of one histogram.
 pub const BINS: u32 = 1 << 15;
-/// Bytes of the two histograms, luminance then depth.
-pub const HISTOGRAM_BYTES: u64 = 2 * 4 * BINS as u64;
-/// Floats of the statistics: median luminance, depth scale, key, exposure.
-pub const STATS_FLOATS: u64 = 4;
+/// Bytes of a histogram.
+pub const HISTOGRAM_BYTES: u64 = 4 * BINS as u64;
+/// Floats of the statistics: median luminance, key, exposure. The depth scale is one by itself: it depends on the depths
+/// alone.
+pub const STATS_FLOATS: u64 = 3;
+/// Where the median luminance stands among them.
+pub const MEDIAN: usize = 0;
+/// Where the key stands.
+pub const KEY: usize = 1;
+/// Where the exposure stands.
+pub const EXPOSURE: usize = 2;
 
-/// Zeroes both histograms.
+/// What a histogram counts.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Counted {
+    /// Luminances of the colour.
+    Luminance,
+    /// Depths.
+    Depth,
+}
+
+/// Zeroes a histogram.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Clear {
-    /// The histograms.
-    pub histograms: BufferId,
+    /// The histogram.
+    pub histogram: BufferId,
 }
 
 impl Kernel for Clear {
@@ -35,23 +51,25 @@ impl Kernel for Clear {
     }
 
     fn groups(&self, _: Variants) -> [u32; 3] {
-        groups((2 * BINS).div_ceil(256), 1)
+        groups(BINS.div_ceil(256), 1)
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {
-        PushBytes::new(&StatsClearPush { histograms: at.of(self.histograms), count: 2 * BINS, unused: 0 })
+        PushBytes::new(&StatsClearPush { histogram: at.of(self.histogram), count: BINS, unused: 0 })
     }
 
     fn traffic(&self) -> Traffic {
-        Traffic { reads: vec![], writes: vec![(self.histograms, HISTOGRAM_BYTES)] }
+        Traffic { reads: vec![], writes: vec![(self.histogram, HISTOGRAM_BYTES)] }
     }
 }
 
-/// Counts luminances and depths.
+/// Counts luminances or depths.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Histogram {
-    /// The histograms.
-    pub histograms: BufferId,
+    /// The histogram.
+    pub histogram: BufferId,
+    /// Which.
+    pub counted: Counted,
     /// Size of the frame in pixels.
     pub width: u32,
     /// Size of the frame in pixels.
@@ -71,7 +89,7 @@ impl Kernel for Histogram {
         PushBytes::new(&StatsHistogramPush {
             color: at.frame.color.address,
             depth: at.frame.depth.address,
-            histograms: at.of(self.histograms),
+            histogram: at.of(self.histogram),
             color_offset: at.frame.color.offset,
             color_pixel: at.frame.color.pixel,
             color_row: at.frame.color.row,
@@ -81,22 +99,32 @@ impl Kernel for Histogram {
             depth_row: at.frame.depth.row,
             width: self.width,
             height: self.height,
-            flags: color_flags(&at.frame.color) | depth_flags(&at.frame.depth),
+            flags: match self.counted {
+                Counted::Luminance => color_flags(&at.frame.color),
+                Counted::Depth => depth_flags(&at.frame.depth),
+            },
         })
     }
 
+    fn reads_color(&self) -> bool {
+        self.counted == Counted::Luminance
+    }
+
     fn traffic(&self) -> Traffic {
-        Traffic { reads: vec![], writes: vec![(self.histograms, HISTOGRAM_BYTES)] }
+        let all = (self.histogram, HISTOGRAM_BYTES);
+        Traffic { reads: vec![all], writes: vec![all] }
     }
 }
 
-/// Median luminance and depth scale.
+/// Median luminance or depth scale.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Select {
-    /// The histograms.
-    pub histograms: BufferId,
-    /// The statistics.
-    pub stats: BufferId,
+    /// The histogram.
+    pub histogram: BufferId,
+    /// What it counted.
+    pub counted: Counted,
+    /// The statistics, of which the median is the first; or the depth scale.
+    pub dst: BufferId,
 }
 
 impl Kernel for Select {
@@ -105,15 +133,20 @@ impl Kernel for Select {
     }
 
     fn groups(&self, _: Variants) -> [u32; 3] {
-        [2, 1, 1]
+        [1, 1, 1]
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {
-        PushBytes::new(&StatsSelectPush { histograms: at.of(self.histograms), stats: at.of(self.stats) })
+        PushBytes::new(&StatsSelectPush {
+            histogram: at.of(self.histogram),
+            dst: at.of(self.dst),
+            of_depth: u32::from(self.counted == Counted::Depth),
+            unused: 0,
+        })
     }
 
     fn traffic(&self) -> Traffic {
-        Traffic { reads: vec![(self.histograms, HISTOGRAM_BYTES)], writes: vec![(self.stats, 8)] }
+        Traffic { reads: vec![(self.histogram, HISTOGRAM_BYTES)], writes: vec![(self.dst, 4)] }
     }
 }
 
@@ -164,6 +197,10 @@ impl Kernel for TileMeans {
         })
     }
 
+    fn reads_color(&self) -> bool {
+        true
+    }
+
     fn traffic(&self) -> Traffic {
         Traffic { reads: vec![(self.stats, 4)], writes: vec![(self.dst, u64::from(self.tiles()) * 4)] }
     }
@@ -196,6 +233,10 @@ impl Kernel for Key {
             tile_count: self.tiles,
             fixed_exposure: at.frame.exposure.unwrap_or(0.0),
         })
+    }
+
+    fn reads_color(&self) -> bool {
+        true
     }
 
     fn traffic(&self) -> Traffic {

@@ -7,7 +7,7 @@
 
 use super::lower::Lowering;
 use super::region::restrict_chain;
-use crate::kernels::{BufferId, Call, Storage, TILE, TileRect, Tiles};
+use crate::kernels::{BufferId, Call, Storage, TILE, Tiles};
 use crate::net::graph::{Graph, Op, OpKind, Shape, ValueId};
 use std::collections::HashMap;
 
@@ -65,10 +65,7 @@ impl Lowering<'_> {
         }
         self.band = None;
         let mut only: Vec<&mut Call> = calls.iter_mut().map(|(_, call, _)| call).collect();
-        restrict_chain(&mut only, |width, height| {
-            let scale = |row: u32| (row - top) * height / (bottom - top) / TILE;
-            TileRect { left: 0, top: scale(first), right: width / TILE, bottom: scale(end) }
-        });
+        restrict_chain(&mut only, (top, bottom), (first, end));
         for (op, call, flops) in calls {
             let op = &self.graph.ops[op];
             let Some((tiles, width, height)) = call.tiles() else { continue };

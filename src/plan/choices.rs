@@ -13,6 +13,9 @@ pub struct PlanOptions {
     pub max_block_bytes: u64,
     /// Gives every buffer a place of its own, so that all can be looked at after a run.
     pub keep_all: bool,
+    /// Gives what depends on albedo, normal and depth alone, and is read by the rest, a place of its own: it can be used for
+    /// the next frame.
+    pub keep_features: bool,
     /// How dense 3x3 convolutions are computed.
     pub conv: ConvAlgorithm,
     /// How depthwise and pointwise convolutions that belong together are.
@@ -30,6 +33,7 @@ impl Default for PlanOptions {
         Self {
             max_block_bytes: u64::MAX,
             keep_all: false,
+            keep_features: false,
             conv: ConvAlgorithm::default(),
             separable: SeparableForm::default(),
             max_chain_bytes: MAX_CHAIN_BYTES,

@@ -4,9 +4,10 @@ use super::arena::{self, Request};
 use super::bands::Band;
 use super::choices::PlanOptions;
 use super::pack::Pack;
-use super::{Buffer, Dispatch, Place, Plan, hazards};
+use super::{Buffer, Dispatch, Place, Plan, features, hazards};
 use crate::error::{Error, Result};
 use crate::frame::{Extent, Region};
+use crate::kernels::stats::Counted;
 use crate::kernels::{BufferId, Call, Storage, Tiles, View, frame_io, stats};
 use crate::net::cost::op_flops;
 use crate::net::graph::{Graph, Op, Shape, Slice, Stage, ValueId};
@@ -174,30 +175,49 @@ impl<'a> Lowering<'a> {
     }
 
     pub(super) fn push(&mut self, name: &str, stage: Stage, flops: u64, call: Call) {
-        self.dispatches.push(Dispatch { name: name.to_owned(), stage, call, barrier: false, flops });
+        self.dispatches.push(Dispatch {
+            name: name.to_owned(),
+            stage,
+            call,
+            barrier: false,
+            flops,
+            of_features: false,
+            skipped: false,
+        });
     }
 
     /// Statistics of the frame, and its maps.
     fn frame_in(&mut self) {
         let Extent { width, height } = self.extent;
         let stats = self.stats;
-        let histograms = self.scratch("stats.histograms", stats::HISTOGRAM_BYTES, Storage::F32);
+        let luminances = self.scratch("stats.luminances", stats::HISTOGRAM_BYTES, Storage::F32);
+        let depths = self.scratch("stats.depths", stats::HISTOGRAM_BYTES, Storage::F32);
+        let depth_scale = self.scratch("stats.depth_scale", 4, Storage::F32);
         let mut tiles = stats::TileMeans { stats, dst: stats, width, height };
         tiles.dst = self.scratch("stats.tiles", u64::from(tiles.tiles()) * 4, Storage::F32);
         let key = stats::Key { src: tiles.dst, tiles: tiles.tiles(), stats };
         let color = self.whole(self.graph.color);
         let aux = self.whole(self.graph.aux);
+        let histogram =
+            |histogram, counted| Call::StatsHistogram(stats::Histogram { histogram, counted, width, height });
+        let select = |histogram, counted, dst| Call::StatsSelect(stats::Select { histogram, counted, dst });
         for (name, call) in [
-            ("stats.clear", Call::StatsClear(stats::Clear { histograms })),
-            ("stats.histogram", Call::StatsHistogram(stats::Histogram { histograms, width, height })),
-            ("stats.select", Call::StatsSelect(stats::Select { histograms, stats })),
+            ("stats.luminances", Call::StatsClear(stats::Clear { histogram: luminances })),
+            ("stats.depths", Call::StatsClear(stats::Clear { histogram: depths })),
+            ("stats.luminances", histogram(luminances, Counted::Luminance)),
+            ("stats.depths", histogram(depths, Counted::Depth)),
+            ("stats.median", select(luminances, Counted::Luminance, stats)),
+            ("stats.depth_scale", select(depths, Counted::Depth, depth_scale)),
             ("stats.tiles", Call::StatsTiles(tiles)),
             ("stats.key", Call::StatsKey(key)),
             (
                 "input.color",
                 Call::InputColor(frame_io::InputColor { stats, dst: color, width, height, tiles: Tiles::All }),
             ),
-            ("input.aux", Call::InputAux(frame_io::InputAux { stats, dst: aux, width, height, tiles: Tiles::All })),
+            (
+                "input.aux",
+                Call::InputAux(frame_io::InputAux { depth_scale, dst: aux, width, height, tiles: Tiles::All }),
+            ),
         ] {
             self.push(name, Stage::Input, 0, call);
         }
@@ -231,6 +251,12 @@ impl<'a> Lowering<'a> {
     /// block holds.
     fn finish(mut self, kept: &[BufferId]) -> Result<Plan, u64> {
         let options = self.options;
+        let buffers = &self.buffers;
+        features::mark(&mut self.dispatches, |id| matches!(buffers[id.0].place, Place::Weights { .. }));
+        let kept = match options.keep_features {
+            true => [kept, &features::kept(&self.dispatches)].concat(),
+            false => kept.to_vec(),
+        };
         let end = self.dispatches.len();
         let mut times: Vec<Option<(usize, usize)>> = vec![None; self.buffers.len()];
         for (at, dispatch) in self.dispatches.iter().enumerate() {
@@ -268,6 +294,7 @@ impl<'a> Lowering<'a> {
             blocks,
             weights_bytes: self.weights_bytes,
             stats: self.stats,
+            keeps_features: options.keep_features,
         })
     }
 }

@@ -4,6 +4,7 @@
 mod arena;
 mod bands;
 mod choices;
+mod features;
 mod hazards;
 mod lower;
 mod ops;
@@ -64,12 +65,21 @@ pub struct Dispatch {
     pub barrier: bool,
     /// Multiplications and additions of the network's own channels ([`crate::net::cost`]).
     pub flops: u64,
+    /// Whether it depends on albedo, normal and depth alone.
+    pub of_features: bool,
+    /// Whether it is left out of this frame. It keeps its place in the list, and its barrier holds for what comes next.
+    pub skipped: bool,
 }
 
 impl Dispatch {
     /// Memory that it touches.
     pub fn traffic(&self) -> Traffic {
         self.call.kernel().traffic()
+    }
+
+    /// Leaves it out.
+    fn skip(&mut self) {
+        (self.skipped, self.flops) = (true, 0);
     }
 }
 
@@ -96,12 +106,22 @@ pub struct Plan {
     pub residual: View,
     /// The frame's statistics ([`crate::kernels::stats`]).
     pub stats: BufferId,
+    /// Whether what depends on the features alone keeps its place between frames ([`PlanOptions::keep_features`]).
+    pub keeps_features: bool,
 }
 
 impl Plan {
     /// A buffer of this plan.
     pub fn buffer(&self, id: BufferId) -> &Buffer {
         &self.buffers[id.0]
+    }
+
+    /// The dispatches for a frame whose features are those of the last: without what depends on them alone. Only for a plan
+    /// that keeps it.
+    pub fn with_kept_features(&self, mut dispatches: Vec<Dispatch>) -> Vec<Dispatch> {
+        debug_assert!(self.keeps_features);
+        dispatches.iter_mut().filter(|dispatch| dispatch.of_features).for_each(Dispatch::skip);
+        dispatches
     }
 
     /// Device memory of arena and weights, in bytes.

@@ -1,6 +1,9 @@
-//! What a region of the frame depends on: from the wanted pixels back to the first kernel, the tiles of every map that
+//! What a region of the frame depends on: from the wanted pixels back to the first kernel, the tokens of every map that
 //! count. All of them are rectangles, as every kernel takes a rectangle of tokens from a rectangle of tokens: itself
 //! (pointwise), a border of one more (3x3), or whole windows (attention; a window is a tile).
+//!
+//! A dispatch covers its rectangle with tiles. What these hold beyond it is computed from whatever the arena holds and is
+//! read by nobody.
 //!
 //! What is one number for the frame stays the frame's: exposure, depth scale, and the FiLM means, which need all tokens of
 //! the auxiliary features of their stage.
@@ -9,83 +12,110 @@ use super::{Dispatch, Plan};
 use crate::frame::Region;
 use crate::kernels::dense::Conv3x3;
 use crate::kernels::frame_io::Output;
-use crate::kernels::{BufferId, Call, Shuffle, TILE, TileRect, Tiles, View};
+use crate::kernels::winograd::Winograd3x3;
+use crate::kernels::{BufferId, Call, Shuffle, TILE, TileRect, Tiles, TokenRect, View};
 use std::collections::HashMap;
 
 impl Plan {
     /// The dispatches, each over the tiles that the pixels of `region` depend on, their FLOPs in proportion. Those that
-    /// the pixels do not depend on keep their place with no tiles. What is written has the bits of the whole frame's pass.
+    /// the pixels do not depend on are skipped. What is written has the bits of the whole frame's pass. Where the plan keeps
+    /// what depends on the features alone, that is the whole frame's: the next frame may want another region.
     pub fn of_region(&self, region: Region) -> Vec<Dispatch> {
         let mut dispatches = self.dispatches.clone();
         let mut needed = Needed::default();
         for dispatch in dispatches.iter_mut().rev() {
+            if self.keeps_features && dispatch.of_features {
+                continue;
+            }
             match &mut dispatch.call {
                 Call::Output(output) => restrict_output(output, region, &mut needed),
                 call => restrict(call, &mut needed),
             }
             if let Some((tiles, width, height)) = dispatch.call.tiles() {
                 let all = u64::from(Tiles::All.count(width, height)).max(1);
-                dispatch.flops = dispatch.flops * u64::from(tiles.count(width, height)) / all;
+                let count = tiles.count(width, height);
+                dispatch.flops = dispatch.flops * u64::from(count) / all;
+                if count == 0 {
+                    dispatch.skip();
+                }
             }
         }
         dispatches
     }
 }
 
-/// The tiles of every buffer that a later kernel reads.
+/// The tokens of every buffer that a later kernel reads.
 #[derive(Default)]
-struct Needed(HashMap<BufferId, TileRect>);
+struct Needed(HashMap<BufferId, TokenRect>);
 
 impl Needed {
-    /// In tiles of the view.
-    fn of(&self, view: &View) -> TileRect {
+    /// In tokens of the view.
+    fn of(&self, view: &View) -> TokenRect {
         let rect = self.0.get(&view.buffer).copied().unwrap_or_default();
-        let row = |row: u32| row.saturating_sub(view.top / TILE).min(view.height / TILE);
-        TileRect { top: row(rect.top), bottom: row(rect.bottom), ..rect }
+        let row = |row: u32| row.saturating_sub(view.top).min(view.height);
+        TokenRect { top: row(rect.top), bottom: row(rect.bottom), ..rect }
     }
 
-    /// Adds tiles of a view, as far as they lie in it.
-    fn add(&mut self, view: &View, rect: TileRect) {
-        let row = |row: u32| row.min(view.height / TILE) + view.top / TILE;
-        let rect =
-            TileRect { right: rect.right.min(view.width / TILE), top: row(rect.top), bottom: row(rect.bottom), ..rect };
-        if rect.count() == 0 {
-            return;
-        }
-        let known = self.0.entry(view.buffer).or_insert(rect);
-        known.left = known.left.min(rect.left);
-        known.top = known.top.min(rect.top);
-        known.right = known.right.max(rect.right);
-        known.bottom = known.bottom.max(rect.bottom);
+    /// Narrows the tiles of a kernel over `view` to what is needed of it.
+    fn narrow(&self, view: &View, tiles: &mut Tiles) -> TokenRect {
+        narrow(tiles, self.of(view), view.width, view.height)
+    }
+
+    /// Adds tokens of a view, as far as they lie in it.
+    fn add(&mut self, view: &View, rect: TokenRect) {
+        let rect = rect.within(view.width, view.height);
+        let known = self.0.entry(view.buffer).or_default();
+        *known = known.and(&TokenRect { top: rect.top + view.top, bottom: rect.bottom + view.top, ..rect });
     }
 
     fn add_all(&mut self, view: &View) {
-        self.add(view, TileRect { left: 0, top: 0, right: view.width / TILE, bottom: view.height / TILE });
+        self.add(view, TokenRect { left: 0, top: 0, right: view.width, bottom: view.height });
     }
 
-    /// Adds the tiles that a 3x3 convolution of a stride needs for those of its result.
-    fn add_around(&mut self, view: &View, rect: TileRect, stride: u32) {
-        if rect.count() == 0 {
+    /// Adds what a 3x3 convolution of a stride reads for the tokens of its result.
+    fn add_around(&mut self, view: &View, rect: TokenRect, stride: u32) {
+        if rect.is_empty() {
             return;
         }
-        // In tokens: from one before the first to one after the centre of the last.
-        let first = |tile: u32| (tile * TILE * stride).saturating_sub(1) / TILE;
-        let end = |tile: u32| ((tile * TILE - 1) * stride + 2).div_ceil(TILE);
+        let first = |token: u32| (token * stride).saturating_sub(1);
+        let end = |token: u32| (token - 1) * stride + 2;
         let (left, top, right, bottom) = (first(rect.left), first(rect.top), end(rect.right), end(rect.bottom));
-        self.add(view, TileRect { left, top, right, bottom });
+        self.add(view, TokenRect { left, top, right, bottom });
     }
+}
+
+/// Narrows tiles to those that cover `rect`, as far as they did before; returns the tokens that are left to compute.
+fn narrow(tiles: &mut Tiles, rect: TokenRect, width: u32, height: u32) -> TokenRect {
+    let rect = match tiles {
+        // A band's.
+        Tiles::Rect(own) => rect.common(&own.tokens()),
+        _ => rect,
+    };
+    *tiles = cover(rect, width, height);
+    rect
+}
+
+/// Restricts calls that run one after the other to what the last one needs for the pixel rows `first..end` of the frame.
+/// The views are of the frame's rows from `top` to `bottom`.
+pub(super) fn restrict_chain(calls: &mut [&mut Call], (top, bottom): (u32, u32), (first, end): (u32, u32)) {
+    let mut needed = Needed::default();
+    if let Some(view) = calls.last().and_then(|call| call.result()) {
+        let row = |row: u32| (row - top) * view.height / (bottom - top);
+        needed.add(view, TokenRect { left: 0, top: row(first), right: view.width, bottom: row(end) });
+    }
+    for call in calls.iter_mut().rev() {
+        restrict(call, &mut needed);
+    }
+}
+
+fn cover(rect: TokenRect, width: u32, height: u32) -> Tiles {
+    Tiles::Rect(TileRect::covering(rect, width, height))
 }
 
 /// Restricts the last kernel to the pixels that are wanted.
 fn restrict_output(output: &mut Output, region: Region, needed: &mut Needed) {
-    let (right, bottom) = (region.right(), region.bottom());
-    let rect = TileRect {
-        left: region.x / TILE,
-        top: region.y / TILE,
-        right: right.div_ceil(TILE),
-        bottom: bottom.div_ceil(TILE),
-    };
-    (output.tiles, output.region) = (Tiles::Rect(rect), region);
+    let rect = TokenRect { left: region.x, top: region.y, right: region.right(), bottom: region.bottom() };
+    (output.tiles, output.region) = (cover(rect, output.residual.width, output.residual.height), region);
     needed.add(&output.residual, rect);
     needed.add(&output.log_color, rect);
 }
@@ -93,34 +123,36 @@ fn restrict_output(output: &mut Output, region: Region, needed: &mut Needed) {
 /// Restricts a call to what is needed of its result, and adds what it needs itself.
 fn restrict(call: &mut Call, needed: &mut Needed) {
     match call {
-        Call::Conv3x3(conv) => restrict_conv(conv, needed),
-        Call::Winograd3x3(winograd) => restrict_conv(&mut winograd.conv, needed),
+        Call::Conv3x3(conv) => restrict_conv(conv, 1, needed),
+        // A result of a Winograd tile has rounding errors of everything that the tile reads.
+        Call::Winograd3x3(Winograd3x3 { conv, tile }) => restrict_conv(conv, tile.outputs(), needed),
         Call::Separable3x3(separable) => {
-            let rect = narrow(&mut separable.pointwise.tiles, needed.of(&separable.pointwise.dst));
+            let rect = needed.narrow(&separable.pointwise.dst, &mut separable.pointwise.tiles);
             needed.add_around(&separable.depthwise.src, rect, 1);
             separable.pointwise.residual.iter().for_each(|residual| needed.add(residual, rect));
         }
         Call::Linear(linear) => {
-            let rect = narrow(&mut linear.tiles, needed.of(&linear.dst));
+            let rect = needed.narrow(&linear.dst, &mut linear.tiles);
             for source in [Some(&linear.src), linear.src_b.as_ref(), linear.residual.as_ref()].into_iter().flatten() {
                 needed.add(source, rect);
             }
         }
         Call::Depthwise3x3(depthwise) => {
-            let rect = narrow(&mut depthwise.tiles, needed.of(&depthwise.dst));
+            let rect = needed.narrow(&depthwise.dst, &mut depthwise.tiles);
             needed.add_around(&depthwise.src, rect, 1);
         }
         Call::LayerNorm(norm) => {
-            let rect = narrow(&mut norm.tiles, needed.of(&norm.dst));
+            let rect = needed.narrow(&norm.dst, &mut norm.tiles);
             needed.add(&norm.src, rect);
         }
         Call::WindowAttention(attention) => {
-            let rect = narrow(&mut attention.tiles, needed.of(&attention.dst));
+            let rect = needed.of(&attention.dst).in_multiples_of(TILE);
+            attention.tiles = cover(rect, attention.dst.width, attention.dst.height);
             needed.add(&attention.x, rect);
             needed.add(&attention.f, rect);
         }
-        Call::InputColor(input) => input.tiles = Tiles::Rect(needed.of(&input.dst)),
-        Call::InputAux(input) => input.tiles = Tiles::Rect(needed.of(&input.dst)),
+        Call::InputColor(input) => _ = needed.narrow(&input.dst, &mut input.tiles),
+        Call::InputAux(input) => _ = needed.narrow(&input.dst, &mut input.tiles),
         Call::TokenSum(sum) => needed.add_all(&sum.src),
         Call::Output(_)
         | Call::FilmVector(_)
@@ -132,50 +164,21 @@ fn restrict(call: &mut Call, needed: &mut Needed) {
     }
 }
 
-/// Narrows the tiles of a call to those of `rect`; returns what is left.
-fn narrow(tiles: &mut Tiles, rect: TileRect) -> TileRect {
-    let left = match tiles {
-        Tiles::Rect(own) => TileRect {
-            left: own.left.max(rect.left),
-            top: own.top.max(rect.top),
-            right: own.right.min(rect.right),
-            bottom: own.bottom.min(rect.bottom),
-        },
-        _ => rect,
-    };
-    *tiles = Tiles::Rect(left);
-    left
-}
-
-/// Restricts calls that run one after the other to what the last one needs for the tiles `last` of its result, which
-/// are given its size in tokens.
-pub(super) fn restrict_chain(calls: &mut [&mut Call], last: impl FnOnce(u32, u32) -> TileRect) {
-    let mut needed = Needed::default();
-    if let Some(view) = calls.last().and_then(|call| call.result()) {
-        needed.add(view, last(view.width, view.height));
-    }
-    for call in calls.iter_mut().rev() {
-        restrict(call, &mut needed);
-    }
-}
-
-fn restrict_conv(conv: &mut Conv3x3, needed: &mut Needed) {
+/// `grain`: tokens on a side that are computed together.
+fn restrict_conv(conv: &mut Conv3x3, grain: u32, needed: &mut Needed) {
     let wanted = needed.of(&conv.dst);
+    let TokenRect { left, top, right, bottom } = wanted;
     let rect = match conv.shuffle {
         Shuffle::None => wanted,
         // The result is stored at twice its size ...
-        Shuffle::Shuffle => TileRect {
-            left: wanted.left / 2,
-            top: wanted.top / 2,
-            right: wanted.right.div_ceil(2),
-            bottom: wanted.bottom.div_ceil(2),
-        },
-        // ... or at half of it.
-        Shuffle::Unshuffle => {
-            TileRect { left: wanted.left * 2, top: wanted.top * 2, right: wanted.right * 2, bottom: wanted.bottom * 2 }
+        Shuffle::Shuffle => {
+            TokenRect { left: left / 2, top: top / 2, right: right.div_ceil(2), bottom: bottom.div_ceil(2) }
         }
+        // ... or at half of it.
+        Shuffle::Unshuffle => TokenRect { left: left * 2, top: top * 2, right: right * 2, bottom: bottom * 2 },
     };
-    let rect = narrow(&mut conv.tiles, rect);
+    let (width, height) = conv.result_size();
+    let rect = narrow(&mut conv.tiles, rect.in_multiples_of(grain), width, height);
     needed.add_around(&conv.src, rect, conv.stride);
     conv.residual.iter().for_each(|residual| needed.add(residual, rect));
 }

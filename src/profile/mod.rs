@@ -60,7 +60,7 @@ impl Profiler {
     /// A profiler of `slots` slots, at least 1: one for each recording that may be in flight at once.
     ///
     /// # Errors
-    /// [`Error::Unsupported`] where the queue has no timestamps ([`crate::Device::has_timestamps`]);
+    /// [`Error::Unsupported`] where kernels cannot be timed ([`crate::Device::has_timestamps`]);
     /// [`Error::InvalidOption`]; [`Error::Vulkan`].
     pub fn new(pass: &Pass, slots: u32) -> Result<Self> {
         let dispatches = pass.plan().dispatches.len();
@@ -76,7 +76,8 @@ impl Profiler {
     /// What the last recording of `slot` measured, in the order of the plan; `None` as long as the GPU has not finished
     /// it, or where none was recorded. It does not wait.
     ///
-    /// To be called when the recording has been submitted, and before the slot is recorded again.
+    /// To be called after the recording's own fence. Where a slot was recorded again and the new commands have not begun
+    /// yet, the times are still those of the run before.
     ///
     /// # Errors
     /// [`Error::InvalidOption`] where there is no such slot; [`Error::DeviceLost`], [`Error::Vulkan`].
@@ -85,9 +86,7 @@ impl Profiler {
         else {
             return Ok(None);
         };
-        // SAFETY: the slot was recorded, and a recording begins with the reset of its timestamps; the caller has submitted
-        // it.
-        let times = unsafe { self.timestamps.read(self.first(slot), self.count()) }?;
+        let times = self.timestamps.read(self.first(slot), self.count())?;
         Ok(times.map(|times| {
             let dispatches = recorded.dispatches.iter().zip(times.chunks_exact(2));
             dispatches

@@ -1,7 +1,7 @@
 //! What is known of one dispatch once it has run.
 
 use super::shape::Shape;
-use crate::kernels::{Accesses, Variants};
+use crate::kernels::{Accesses, Traffic, Variants};
 use crate::net::graph::Stage;
 use crate::plan::Dispatch;
 
@@ -39,7 +39,9 @@ impl KernelRecord {
     /// A dispatch that started and ended at these microseconds.
     pub(super) fn new(dispatch: &Dispatch, variants: Variants, start: f64, end: f64) -> Self {
         let kernel = dispatch.call.kernel();
-        let (contract, traffic) = (kernel.contract(variants), dispatch.traffic());
+        let contract = kernel.contract(variants);
+        let traffic = if dispatch.skipped { Traffic::default() } else { dispatch.traffic() };
+        let accesses = dispatch.call.accesses(variants);
         let bytes = |touched: &[(_, u64)]| touched.iter().map(|(_, bytes)| bytes).sum();
         Self {
             name: dispatch.name.clone(),
@@ -47,11 +49,11 @@ impl KernelRecord {
             kernel: contract.kernel(),
             variant: contract.name,
             shape: Shape::of(&dispatch.call),
-            groups: kernel.groups(variants),
+            groups: if dispatch.skipped { [0; 3] } else { kernel.groups(variants) },
             flops: dispatch.flops,
             bytes_read: bytes(&traffic.reads),
             bytes_written: bytes(&traffic.writes),
-            accesses: dispatch.call.accesses(variants),
+            accesses: if dispatch.skipped { accesses.map(|_| Accesses::default()) } else { accesses },
             start,
             microseconds: (end - start).max(0.0),
         }

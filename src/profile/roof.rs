@@ -6,6 +6,7 @@ use crate::kernels::contract::Contract;
 use crate::kernels::contracts::{self, RoofCopyPush, RoofFmaPush};
 use crate::record::Pipelines;
 use crate::vk::device::Device;
+use crate::vk::matrix::MatrixShape;
 use crate::vk::memory::Buffer;
 use crate::vk::submit::Submission;
 use ash::vk;
@@ -23,6 +24,8 @@ pub struct Roof {
     pub flops_f16: Option<f64>,
     /// A copy of halves, where it also has `storageBuffer16BitAccess`.
     pub bytes_f16: Option<f64>,
+    /// Products of halves summed in 32-bit floats by cooperative matrices, where it has those that the kernels use.
+    pub flops_matrix: Option<f64>,
 }
 
 /// Size of a copy: beyond any cache.
@@ -34,6 +37,8 @@ const FMA_GROUPS: u32 = 2048;
 const FMA_INVOCATIONS: u32 = FMA_GROUPS * 64;
 /// Multiply-adds of one round of an invocation, on one lane of its vectors.
 const FMA_ROUND: f64 = 12.0 * 4.0;
+/// Products of matrices of one round of a subgroup.
+const MATRIX_ROUND: f64 = 8.0;
 /// A measurement that takes less than this is repeated with more work.
 const MIN_MS: f64 = 20.0;
 /// Enough to find a quiet moment of a machine that does other work.
@@ -50,7 +55,8 @@ impl Roof {
         let supported = |contract: &Contract| contract.needs.iter().all(|need| device.caps().meets(*need));
         let transfer = meter.transfer()?;
         let mut both = |fma, lanes, copy, group_bytes| -> Result<_> {
-            Ok((meter.fma(fma, lanes)?, meter.copy(copy, group_bytes)?.max(transfer)))
+            let flops = meter.rate(fma, FMA_ROUND * lanes * f64::from(FMA_INVOCATIONS))?;
+            Ok((flops, meter.copy(copy, group_bytes)?.max(transfer)))
         };
         let (flops_f32, bytes_f32) = both(&contracts::ROOF_FMA_F32, 1.0, &contracts::ROOF_COPY_F32, COPY_GROUP_BYTES)?;
         let halves = if supported(&contracts::ROOF_COPY_F16) {
@@ -58,7 +64,15 @@ impl Roof {
         } else {
             None
         };
-        Ok(Self { flops_f32, bytes_f32, flops_f16: halves.map(|h| h.0), bytes_f16: halves.map(|h| h.1) })
+        let flops_matrix = match device.caps().matrix {
+            Some(MatrixShape { rows, columns, depth, .. }) => {
+                let subgroups = f64::from(FMA_GROUPS * contracts::MATRIX_SUBGROUPS);
+                let product = [rows, columns, depth].map(f64::from).iter().product::<f64>();
+                Some(meter.rate(&contracts::ROOF_MATRIX, MATRIX_ROUND * product * subgroups)?)
+            }
+            None => None,
+        };
+        Ok(Self { flops_f32, bytes_f32, flops_f16: halves.map(|h| h.0), bytes_f16: halves.map(|h| h.1), flops_matrix })
     }
 
     /// FLOP/s that 32-bit floats can reach at most at an intensity in FLOPs a byte.
@@ -82,7 +96,9 @@ impl Meter {
         // A small share of a small device.
         let bytes = COPY_BYTES.min(device.caps().memory_bytes / 16).min(device.caps().max_buffer_bytes);
         let bytes = bytes / COPY_GROUP_BYTES * COPY_GROUP_BYTES;
-        if bytes < u64::from(FMA_INVOCATIONS) * 4 {
+        // Every invocation writes a float, or every subgroup a matrix.
+        let matrix = device.caps().matrix.map_or(0, |shape| shape.rows * shape.columns * contracts::MATRIX_SUBGROUPS);
+        if bytes < u64::from(FMA_INVOCATIONS.max(FMA_GROUPS * matrix)) * 4 {
             let reason = "the device has too little memory".into();
             return Err(Error::OutOfMemory { what: "the roofline's copy".into(), bytes, reason });
         }
@@ -97,14 +113,14 @@ impl Meter {
         })
     }
 
-    /// FLOP/s of a multiply-add kernel on vectors of `lanes`.
-    fn fma(&mut self, contract: &'static Contract, lanes: f64) -> Result<f64> {
-        let mut rounds = 64u32;
+    /// FLOP/s of a kernel that makes so many multiply-adds a round.
+    fn rate(&mut self, contract: &'static Contract, multiply_adds: f64) -> Result<f64> {
+        let mut rounds = 16u32;
         loop {
             let push = RoofFmaPush { dst: self.dst.address(), rounds, factor: 0.5 };
             let ms = self.dispatch(contract, bytemuck::bytes_of(&push), FMA_GROUPS)?;
             if ms >= MIN_MS || rounds >= 1 << 24 {
-                return Ok(2.0 * FMA_ROUND * lanes * f64::from(FMA_INVOCATIONS) * f64::from(rounds) / (ms * 1e-3));
+                return Ok(2.0 * multiply_adds * f64::from(rounds) / (ms * 1e-3));
             }
             // Doubling alone would take long on a fast device.
             rounds *= if ms < MIN_MS / 8.0 { 8 } else { 2 };

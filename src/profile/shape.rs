@@ -1,5 +1,6 @@
 //! What a dispatch works on, in words that all kernels share.
 
+use crate::kernels::stats::Counted;
 use crate::kernels::winograd::Winograd3x3;
 use crate::kernels::{Call, View};
 use std::fmt;
@@ -43,9 +44,9 @@ impl Shape {
             Call::WindowAttention(k) => of(k.dst.width, k.dst.height, k.x.channels + k.f.channels, k.dst.channels),
             Call::TokenSum(k) => of(k.real_width, k.real_height, k.src.channels, k.src.channels),
             Call::FilmVector(k) => of(1, 1, k.channels, k.outputs),
-            Call::StatsClear(_) => of(1, 1, 0, 2),
-            Call::StatsHistogram(k) => of(k.width, k.height, 4, 2),
-            Call::StatsSelect(_) => of(1, 1, 2, 2),
+            Call::StatsClear(_) => of(1, 1, 0, 1),
+            Call::StatsHistogram(k) => of(k.width, k.height, if k.counted == Counted::Depth { 1 } else { 3 }, 1),
+            Call::StatsSelect(_) => of(1, 1, 1, 1),
             Call::StatsTiles(k) => of(k.width, k.height, 3, 1),
             Call::StatsKey(k) => of(k.tiles, 1, 1, 2),
             Call::InputColor(k) => of(k.dst.width, k.dst.height, 3, 3),

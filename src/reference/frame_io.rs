@@ -2,10 +2,10 @@
 
 use super::Reference;
 use super::map::Map;
-use super::stats::{DEPTH_SCALE, EXPOSURE, KEY};
 use super::tiles;
 use crate::frame::{Extent, Frame, Plane, Samples};
 use crate::kernels::frame_io::{InputAux, InputColor, Output};
+use crate::kernels::stats::{EXPOSURE, KEY};
 
 /// Exposed colour ends here, and so does an output of halves.
 const LARGEST_HALF: f64 = 65504.0;
@@ -14,6 +14,9 @@ const FAR: f32 = 1e9;
 const FAR_HALF: f32 = 65000.0;
 /// A pixel of more than this many keys is bad.
 pub const FIREFLY_KEYS: f64 = 1e8;
+/// So is one of more than this many keys and this many times its second-brightest neighbour.
+const ISOLATED_KEYS: f64 = 1e3;
+const ISOLATED_RATIO: f64 = 100.0;
 
 /// A frame and its settings, planes interleaved.
 #[derive(Debug)]
@@ -76,19 +79,39 @@ impl FrameData {
         self.depth.as_ref().map(|plane| plane[pixel]).filter(|&depth| depth > 0.0 && depth < self.far)
     }
 
+    /// The colour of a pixel that is valid and not absurdly bright.
+    fn in_range(&self, x: usize, y: usize, key: f64) -> Option<[f64; 3]> {
+        let color = self.color(y * self.extent.width as usize + x)?.map(f64::from);
+        color.iter().all(|&c| c <= FIREFLY_KEYS * key).then_some(color)
+    }
+
+    /// The 3x3 pixels around one as far as they lie in the frame, itself with them.
+    fn around(&self, x: usize, y: usize) -> impl Iterator<Item = (usize, usize)> {
+        let range = |at: usize, end: u32| at.saturating_sub(1)..(at + 2).min(end as usize);
+        let columns = range(x, self.extent.width);
+        range(y, self.extent.height).flat_map(move |y| columns.clone().map(move |x| (x, y)))
+    }
+
+    /// The colour of a pixel that is in range and not isolated: light of more than two pixels has two bright neighbours.
+    fn good(&self, x: usize, y: usize, key: f64) -> Option<[f64; 3]> {
+        let brightest = |[r, g, b]: [f64; 3]| r.max(g).max(b);
+        let color = self.in_range(x, y, key)?;
+        if brightest(color) <= ISOLATED_KEYS * key {
+            return Some(color);
+        }
+        let others = self.around(x, y).filter(|at| *at != (x, y)).filter_map(|(x, y)| self.in_range(x, y, key));
+        let mut light: Vec<f64> = others.map(brightest).collect();
+        light.sort_by(|a, b| b.total_cmp(a));
+        let second = light.get(1).copied().unwrap_or(0.0);
+        (brightest(color) <= ISOLATED_RATIO * second).then_some(color)
+    }
+
     /// The colour of a pixel, mended: bad ones are the mean of their good neighbours.
     fn mended(&self, x: usize, y: usize, key: f64) -> [f64; 3] {
-        let (width, height) = (self.extent.width as usize, self.extent.height as usize);
-        let good = |x: usize, y: usize| {
-            let color = self.color(y * width + x)?.map(f64::from);
-            color.iter().all(|&c| c <= FIREFLY_KEYS * key).then_some(color)
-        };
-        good(x, y).unwrap_or_else(|| {
-            let around = |at: usize, end: usize| at.saturating_sub(1)..(at + 2).min(end);
-            let neighbours: Vec<[f64; 3]> =
-                around(y, height).flat_map(|y| around(x, width).filter_map(move |x| good(x, y))).collect();
-            let count = neighbours.len().max(1) as f64;
-            [0, 1, 2].map(|channel| neighbours.iter().map(|color| color[channel]).sum::<f64>() / count)
+        self.good(x, y, key).unwrap_or_else(|| {
+            let good: Vec<[f64; 3]> = self.around(x, y).filter_map(|(x, y)| self.good(x, y, key)).collect();
+            let count = good.len().max(1) as f64;
+            [0, 1, 2].map(|channel| good.iter().map(|color| color[channel]).sum::<f64>() / count)
         })
     }
 
@@ -124,7 +147,7 @@ pub fn input_color(reference: &mut Reference, call: &InputColor) {
 
 /// Albedo, normal, depth and a zero, reflected into the padding.
 pub fn input_aux(reference: &mut Reference, call: &InputAux) {
-    let depth_scale = reference.buffer(call.stats)[DEPTH_SCALE];
+    let depth_scale = reference.buffer(call.depth_scale)[0];
     let frame = &reference.frame;
     let mut map = Map::zeros(call.dst.width as usize, call.dst.height as usize, call.dst.channels as usize);
     fill(&mut map, call.width, call.height, |x, y, token| {
@@ -215,8 +238,33 @@ mod tests {
         // The good ones are (0, 0), (2, 0) and (1, 1).
         assert_eq!(frame.mended(1, 0, 1.0), [6.0, 7.0, 8.0]);
         assert_eq!(frame.mended(2, 1, 1.0), [9.0, 10.0, 11.0]);
-        assert_eq!(frame.mended(2, 1, 100.0), [15.0, 16.0, 3e9]);
+        assert_eq!(frame.mended(2, 1, 1e7), [15.0, 16.0, 3e9]);
         assert_eq!(frame.mended(2, 1, 1e-9), [0.0; 3], "nothing around is good");
+    }
+
+    #[test]
+    fn isolated_fireflies_are_bad_and_small_lights_are_not() {
+        let extent = Extent::new(12, 12);
+        let lit = |x: usize, y: usize| match (x, y) {
+            (1, 1) | (6 | 7, 1) | (1 | 2, 5 | 6) | (6..=8, 5) => 2e3,
+            (1, 9) => 9e2,
+            _ => 1.0,
+        };
+        let color: Vec<f32> = (0..3 * 144).map(|i| lit(i / 3 % 12, i / 36)).collect();
+        let frame = FrameData::new(&Frame {
+            extent,
+            color: Plane::f32(&color, Layout::interleaved(extent, 3)),
+            features: Default::default(),
+        });
+        // One bright pixel and a pair are fireflies, and so are a line's two ends.
+        for (x, y) in (0..144).map(|i| (i % 12, i / 12)) {
+            let expected = match (x, y) {
+                (1, 1) | (6 | 7, 1) => 1.0,
+                (6 | 8, 5) => f64::from(7.0 + 2e3) / 8.0,
+                _ => f64::from(lit(x, y)),
+            };
+            assert_eq!(frame.mended(x, y, 1.0), [expected; 3], "{x}, {y}");
+        }
     }
 
     #[test]

@@ -5,13 +5,7 @@
 use super::Reference;
 use super::frame_io::{FIREFLY_KEYS, FrameData};
 use super::tiles;
-use crate::kernels::stats::{BINS, Clear, Histogram, Key, Select, TileMeans};
-
-/// Positions in the statistics.
-const MEDIAN: usize = 0;
-pub const DEPTH_SCALE: usize = 1;
-pub const KEY: usize = 2;
-pub const EXPOSURE: usize = 3;
+use crate::kernels::stats::{BINS, Clear, Counted, EXPOSURE, Histogram, KEY, Key, MEDIAN, Select, TileMeans};
 
 /// What an exposed frame's key becomes, and the key of a black frame.
 const MIDDLE_GREY: f64 = 0.18;
@@ -20,32 +14,35 @@ const KEYS: [f64; 2] = [1e-30, 1e36];
 /// What a tile without light has for a logarithm.
 const DARK: f64 = -1e31;
 
-/// Zeroes both histograms.
+/// Zeroes a histogram.
 pub fn clear(reference: &mut Reference, call: &Clear) {
-    reference.set_buffer(call.histograms, &vec![0.0; 2 * BINS as usize]);
+    reference.set_buffer(call.histogram, &vec![0.0; BINS as usize]);
 }
 
-/// Counts luminances above 0 and valid depths.
+/// Counts luminances above 0, or valid depths.
 pub fn histogram(reference: &mut Reference, call: &Histogram) {
-    let mut bins = reference.buffer(call.histograms).to_vec();
-    let (luminances, depths) = bins.split_at_mut(BINS as usize);
+    let mut bins = reference.buffer(call.histogram).to_vec();
     for i in 0..call.width as usize * call.height as usize {
-        if let Some(luminance) = reference.frame.luminance(i).filter(|&l| l > 0.0) {
-            luminances[LUMINANCE.bin(luminance)] += 1.0;
-        }
-        if let Some(depth) = reference.frame.depth(i) {
-            depths[DEPTH.bin(depth)] += 1.0;
+        let frame = &reference.frame;
+        let bin = match call.counted {
+            Counted::Luminance => frame.luminance(i).filter(|&l| l > 0.0).map(|luminance| LUMINANCE.bin(luminance)),
+            Counted::Depth => frame.depth(i).map(|depth| DEPTH.bin(depth)),
+        };
+        if let Some(bin) = bin {
+            bins[bin] += 1.0;
         }
     }
-    reference.set_buffer(call.histograms, &bins);
+    reference.set_buffer(call.histogram, &bins);
 }
 
-/// Median luminance and depth scale.
+/// Median luminance or depth scale.
 pub fn select(reference: &mut Reference, call: &Select) {
-    let (luminances, depths) = reference.buffer(call.histograms).split_at(BINS as usize);
-    let median = quantile(luminances, LUMINANCE, |count| (count - 1) / 2).unwrap_or(0.0);
-    let depth_scale = quantile(depths, DEPTH, |count| (count - 1) * 999 / 1000).unwrap_or(1.0);
-    reference.set_buffer(call.stats, &[median, depth_scale]);
+    let bins = reference.buffer(call.histogram);
+    let value = match call.counted {
+        Counted::Luminance => quantile(bins, LUMINANCE, |count| (count - 1) / 2).unwrap_or(0.0),
+        Counted::Depth => quantile(bins, DEPTH, |count| (count - 1) * 999 / 1000).unwrap_or(1.0),
+    };
+    reference.set_buffer(call.dst, &[value]);
 }
 
 /// Logarithm of every tile's mean luminance, relative to the median.

@@ -3,7 +3,7 @@
 use super::Reference;
 use crate::kernels::{TILE, Tiles};
 
-/// Position of a tile, in tiles.
+/// First token of a tile.
 pub type Tile = (usize, usize);
 
 const SIDE: usize = TILE as usize;
@@ -11,12 +11,16 @@ const SIDE: usize = TILE as usize;
 /// Every tile of a map.
 pub fn all(width: u32, height: u32) -> Vec<Tile> {
     let (across, down) = (width.div_ceil(TILE) as usize, height.div_ceil(TILE) as usize);
-    (0..down).flat_map(|y| (0..across).map(move |x| (x, y))).collect()
+    grid((0, 0), across, down)
+}
+
+fn grid((left, top): Tile, columns: usize, rows: usize) -> Vec<Tile> {
+    (0..rows).flat_map(|y| (0..columns).map(move |x| (left + x * SIDE, top + y * SIDE))).collect()
 }
 
 /// The tokens of some tiles that lie within a map.
 pub fn tokens(tiles: &[Tile], width: usize, height: usize) -> impl Iterator<Item = (usize, usize)> {
-    let range = |tile: usize, end: usize| tile * SIDE..((tile + 1) * SIDE).min(end);
+    let range = |first: usize, end: usize| first..(first + SIDE).min(end);
     tiles.iter().flat_map(move |&(x, y)| range(y, height).flat_map(move |y| range(x, width).map(move |x| (x, y))))
 }
 
@@ -25,14 +29,10 @@ impl Reference<'_> {
     pub(super) fn tiles(&self, tiles: &Tiles, width: u32, height: u32) -> Vec<Tile> {
         match *tiles {
             Tiles::All => all(width, height),
-            Tiles::Rect(rect) => {
-                let (rows, columns) =
-                    (rect.top as usize..rect.bottom as usize, rect.left as usize..rect.right as usize);
-                rows.flat_map(|y| columns.clone().map(move |x| (x, y))).collect()
-            }
+            Tiles::Rect(rect) => grid((rect.x as usize, rect.y as usize), rect.columns as usize, rect.rows as usize),
             Tiles::List { buffer, count } => {
                 let entries = self.buffer(buffer)[..count as usize].iter().map(|&entry| entry as usize);
-                entries.map(|entry| (entry & 0xffff, entry >> 16)).collect()
+                entries.map(|entry| ((entry & 0xffff) * SIDE, (entry >> 16) * SIDE)).collect()
             }
         }
     }
@@ -44,8 +44,8 @@ mod tests {
 
     #[test]
     fn partial_tiles_end_with_the_map() {
-        assert_eq!(all(9, 8), [(0, 0), (1, 0)]);
-        assert_eq!(tokens(&[(1, 0)], 9, 2).collect::<Vec<_>>(), [(8, 0), (8, 1)]);
+        assert_eq!(all(9, 8), [(0, 0), (8, 0)]);
+        assert_eq!(tokens(&[(8, 0)], 9, 2).collect::<Vec<_>>(), [(8, 0), (8, 1)]);
         assert_eq!(tokens(&all(19, 21), 19, 21).count(), 19 * 21);
     }
 }

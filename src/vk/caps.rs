@@ -1,6 +1,7 @@
 //! What a device can do, and what the denoiser needs of it.
 
-use crate::kernels::contract::Need;
+use super::matrix::MatrixShape;
+use crate::kernels::contract::{ConstantValue, Need};
 use ash::vk;
 use std::fmt;
 
@@ -75,6 +76,10 @@ pub struct Caps {
     pub storage16: bool,
     /// `shaderFloat16` (enabled).
     pub float16: bool,
+    /// `hostQueryReset` (enabled).
+    pub host_query_reset: bool,
+    /// Its cooperative matrices (enabled).
+    pub matrix: Option<MatrixShape>,
     /// Nanoseconds per timestamp tick; 0 where the queue has no timestamps.
     pub timestamp_period: f32,
     /// Bits of a timestamp that count.
@@ -94,6 +99,25 @@ impl Caps {
         Self { timestamp_period, timestamp_bits: bits, ..self }
     }
 
+    /// What kernels cannot be timed without and the device lacks, named as in the Vulkan specification; empty: nothing.
+    pub(crate) fn lacks_for_timestamps(&self) -> Vec<&'static str> {
+        let wanted = [
+            (self.timestamp_period > 0.0, "timestamps on the queue (timestampValidBits)"),
+            (self.host_query_reset, "hostQueryReset"),
+        ];
+        wanted.into_iter().filter(|(has, _)| !has).map(|(_, name)| name).collect()
+    }
+
+    /// What fills a specialisation constant; 0 where the device has no matrices.
+    pub(crate) fn constant(&self, value: ConstantValue) -> u32 {
+        self.matrix.map_or(0, |shape| match value {
+            ConstantValue::Subgroups(count) => count * shape.subgroup,
+            ConstantValue::MatrixRows => shape.rows,
+            ConstantValue::MatrixColumns => shape.columns,
+            ConstantValue::MatrixDepth => shape.depth,
+        })
+    }
+
     /// Whether the device has what a kernel variant needs beyond the portable set.
     pub fn meets(&self, need: Need) -> bool {
         match need {
@@ -102,6 +126,7 @@ impl Caps {
             }
             Need::Storage16 => self.storage16,
             Need::Float16 => self.float16,
+            Need::Matrix => self.matrix.is_some(),
         }
     }
 }
@@ -125,7 +150,7 @@ pub(crate) fn requirements() -> Requirements {
         api_version: (1, 2),
         extensions: Vec::new(),
         features: vec!["bufferDeviceAddress"],
-        optional_features: vec!["storageBuffer16BitAccess", "shaderInt64"],
+        optional_features: vec!["storageBuffer16BitAccess", "shaderInt64", "hostQueryReset"],
     }
 }
 
@@ -216,6 +241,9 @@ pub(crate) fn inspect(instance: &ash::Instance, physical: vk::PhysicalDevice, in
         int64: features10.shader_int64 == vk::TRUE,
         storage16: features11.storage_buffer16_bit_access == vk::TRUE,
         float16: features12.shader_float16 == vk::TRUE,
+        host_query_reset: features12.host_query_reset == vk::TRUE,
+        // Known when the device is opened.
+        matrix: None,
         timestamp_period: limits.timestamp_period,
         // The queue's own, once it is known.
         timestamp_bits: 0,

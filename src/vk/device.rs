@@ -3,10 +3,12 @@
 use super::Checked;
 use super::caps::{self, Caps, DeviceInfo, Requirements};
 use super::instance::{Messages, NO_DRIVER, OwnedInstance};
+use super::matrix;
 use crate::error::{Error, Result};
 use ash::{khr, vk};
 use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
 use std::convert::Infallible;
+use std::ffi::CStr;
 use std::mem::ManuallyDrop;
 use std::path::PathBuf;
 use std::str::FromStr;
@@ -57,6 +59,8 @@ pub struct DeviceOptions {
     /// Has the compiler keep what [`crate::Denoiser::pipeline_statistics`] tells, where the device can
     /// (`VK_KHR_pipeline_executable_properties`).
     pub pipeline_statistics: bool,
+    /// Takes the queue for one without timestamps: passes are timed on the host, and kernels cannot be.
+    pub host_clock: bool,
     /// The Vulkan loader's library, where it is not the system's own.
     pub loader: Option<PathBuf>,
 }
@@ -76,6 +80,8 @@ pub struct RendererDevice {
     pub storage_buffer_16bit: bool,
     /// Whether `shaderInt64` was enabled: CPU drivers then run faster.
     pub shader_int64: bool,
+    /// Whether `hostQueryReset` was enabled: [`crate::Profiler`] needs it.
+    pub host_query_reset: bool,
 }
 
 /// A Vulkan device that denoisers run on. Cheap to clone; `Send` and `Sync`.
@@ -158,35 +164,45 @@ impl Device {
         let Some((queue_family, timestamp_bits)) = family else {
             return Err(Error::Unsupported { device: info.name, missing: "a compute queue".into() });
         };
+        let loader = khr::cooperative_matrix::Instance::new(&instance.entry, &instance.raw);
+        let caps = Caps { matrix: matrix::shape(&loader, &instance.raw, physical), ..caps };
         let priorities = [1.0];
         let queues =
             [vk::DeviceQueueCreateInfo::default().queue_family_index(queue_family).queue_priorities(&priorities)];
-        let mut features12 =
-            vk::PhysicalDeviceVulkan12Features::default().buffer_device_address(true).shader_float16(caps.float16);
+        let mut features12 = vk::PhysicalDeviceVulkan12Features::default()
+            .buffer_device_address(true)
+            .shader_float16(caps.float16)
+            .host_query_reset(caps.host_query_reset)
+            .vulkan_memory_model(caps.matrix.is_some())
+            .vulkan_memory_model_device_scope(caps.matrix.is_some());
         let mut features11 = vk::PhysicalDeviceVulkan11Features::default().storage_buffer16_bit_access(caps.storage16);
         let features = vk::PhysicalDeviceFeatures::default().shader_int64(caps.int64);
-        let create = vk::DeviceCreateInfo::default()
+        let mut create = vk::DeviceCreateInfo::default()
             .queue_create_infos(&queues)
             .enabled_features(&features)
             .push_next(&mut features12)
             .push_next(&mut features11);
-        let statistics =
-            options.pipeline_statistics && caps::has_pipeline_statistics(&instance.raw, physical);
-        let extensions = [khr::pipeline_executable_properties::NAME.as_ptr()];
+        let mut extensions = Vec::new();
+        let mut matrix_features = matrix::Features::all();
+        if caps.matrix.is_some() {
+            extensions.extend(matrix::EXTENSIONS.map(CStr::as_ptr));
+            create = create.push_next(&mut matrix_features.matrix).push_next(&mut matrix_features.subgroup);
+        }
+        let statistics = options.pipeline_statistics && caps::has_pipeline_statistics(&instance.raw, physical);
         let mut executables =
             vk::PhysicalDevicePipelineExecutablePropertiesFeaturesKHR::default().pipeline_executable_info(true);
-        let create = if statistics {
-            create.enabled_extension_names(&extensions).push_next(&mut executables)
-        } else {
-            create
-        };
-        // SAFETY: extension and features were reported by this physical device; the pointers outlive the call.
+        if statistics {
+            extensions.push(khr::pipeline_executable_properties::NAME.as_ptr());
+            create = create.push_next(&mut executables);
+        }
+        let create = create.enabled_extension_names(&extensions);
+        // SAFETY: extensions and features were reported by this physical device; the pointers outlive the call.
         let raw = unsafe { instance.raw.create_device(physical, &create, None) }.called("vkCreateDevice")?;
         let raw = patch(raw);
         let executables = statistics.then(|| khr::pipeline_executable_properties::Device::new(&instance.raw, &raw));
         // SAFETY: the family and the one queue of it were just created.
         let queue = unsafe { raw.get_device_queue(queue_family, 0) };
-        let caps = caps.with_timestamp_bits(timestamp_bits);
+        let caps = caps.with_timestamp_bits(if options.host_clock { 0 } else { timestamp_bits });
         let allocator = match allocator(&instance.raw, physical, &raw) {
             Ok(allocator) => allocator,
             Err(error) => {
@@ -216,11 +232,18 @@ impl Device {
     ///
     /// # Safety
     /// The handles must be valid, belong together and outlive this `Device` and everything made from it; the device
-    /// must have been created with everything of [`Device::requirements`] enabled, and with `storageBuffer16BitAccess` and
-    /// `shaderInt64` where `storage_buffer_16bit` and `shader_int64` say so.
+    /// must have been created with everything of [`Device::requirements`] enabled, and with those of its optional features
+    /// that `renderer` says were.
     pub unsafe fn from_renderer(renderer: RendererDevice) -> Result<Self> {
-        let RendererDevice { instance, physical_device, device, queue_family, storage_buffer_16bit, shader_int64 } =
-            renderer;
+        let RendererDevice {
+            instance,
+            physical_device,
+            device,
+            queue_family,
+            storage_buffer_16bit,
+            shader_int64,
+            host_query_reset,
+        } = renderer;
         // SAFETY: the caller vouches for the handles.
         let physicals = unsafe { instance.enumerate_physical_devices() }.called("vkEnumeratePhysicalDevices")?;
         let index = physicals.iter().position(|p| *p == physical_device).unwrap_or(0);
@@ -239,6 +262,7 @@ impl Device {
             int64: caps.int64 && shader_int64,
             storage16: caps.storage16 && storage_buffer_16bit,
             float16: false,
+            host_query_reset: caps.host_query_reset && host_query_reset,
             ..caps.with_timestamp_bits(family.map_or(0, |f| f.timestamp_valid_bits))
         };
         Ok(Self(Arc::new(Inner {
@@ -271,9 +295,14 @@ impl Device {
         messages.map_or_else(Vec::new, |m| m.lock().unwrap_or_else(PoisonError::into_inner).clone())
     }
 
-    /// Whether the queue writes timestamps, which [`crate::profile`] needs.
+    /// Whether kernels can be timed: the queue writes timestamps, and the host may reset them (`hostQueryReset`).
     pub fn has_timestamps(&self) -> bool {
-        self.caps().timestamp_period > 0.0
+        self.caps().lacks_for_timestamps().is_empty()
+    }
+
+    /// Whether it has the cooperative matrices that kernels can use: halves summed in 32-bit floats, by a subgroup.
+    pub fn has_matrices(&self) -> bool {
+        self.caps().matrix.is_some()
     }
 
     pub(crate) fn caps(&self) -> &Caps {

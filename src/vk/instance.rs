@@ -18,7 +18,7 @@ pub(crate) type Messages = Arc<Mutex<Vec<String>>>;
 /// An instance of our own. Destroyed when dropped.
 pub(crate) struct OwnedInstance {
     // Keeps the loader's library open for as long as the instance lives.
-    _entry: ash::Entry,
+    pub entry: ash::Entry,
     pub raw: ash::Instance,
     messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
     /// Boxed so that the messenger's user pointer stays valid wherever the struct moves.
@@ -69,9 +69,9 @@ impl OwnedInstance {
             return Err(Error::NoDevice(NO_DRIVER.into()));
         }
         let raw = created.called("vkCreateInstance")?;
-        let mut instance = Self { messenger: None, messages: Box::default(), raw, _entry: entry };
+        let mut instance = Self { messenger: None, messages: Box::default(), raw, entry };
         if validation {
-            let loader = ext::debug_utils::Instance::new(&instance._entry, &instance.raw);
+            let loader = ext::debug_utils::Instance::new(&instance.entry, &instance.raw);
             let info = vk::DebugUtilsMessengerCreateInfoEXT::default()
                 .message_severity(
                     vk::DebugUtilsMessageSeverityFlagsEXT::WARNING | vk::DebugUtilsMessageSeverityFlagsEXT::ERROR,

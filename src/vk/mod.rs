@@ -4,6 +4,7 @@
 pub mod caps;
 pub mod device;
 pub mod instance;
+pub mod matrix;
 pub mod memory;
 pub mod pipeline;
 pub mod statistics;

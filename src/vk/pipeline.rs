@@ -3,7 +3,7 @@
 use super::Checked;
 use super::device::Device;
 use crate::error::Result;
-use crate::kernels::contract::{BindingType, Contract};
+use crate::kernels::contract::{BindingType, Contract, Need};
 use ash::vk;
 
 /// A compiled kernel. Destroyed when dropped.
@@ -55,10 +55,21 @@ impl Pipeline {
         let info = vk::ShaderModuleCreateInfo::default().code(words);
         // SAFETY: `words` is SPIR-V that the build compiled and validated.
         let module = unsafe { vk_device.create_shader_module(&info, None) }.called("vkCreateShaderModule")?;
-        let stage = vk::PipelineShaderStageCreateInfo::default()
+        let values: Vec<u32> = contract.constants.iter().map(|c| device.caps().constant(c.value)).collect();
+        let entries: Vec<_> = (0..values.len() as u32)
+            .map(|id| vk::SpecializationMapEntry::default().constant_id(id).offset(4 * id).size(4))
+            .collect();
+        let constants = vk::SpecializationInfo::default().map_entries(&entries).data(bytemuck::cast_slice(&values));
+        let mut size = vk::PipelineShaderStageRequiredSubgroupSizeCreateInfo::default();
+        let mut stage = vk::PipelineShaderStageCreateInfo::default()
             .stage(vk::ShaderStageFlags::COMPUTE)
             .module(module)
+            .specialization_info(&constants)
             .name(c"main");
+        if let Some(shape) = device.caps().matrix.filter(|_| contract.needs.contains(&Need::Matrix)) {
+            size.required_subgroup_size = shape.subgroup;
+            stage = stage.flags(vk::PipelineShaderStageCreateFlags::REQUIRE_FULL_SUBGROUPS).push_next(&mut size);
+        }
         let flags = match device.executables() {
             Some(_) => vk::PipelineCreateFlags::CAPTURE_STATISTICS_KHR,
             None => vk::PipelineCreateFlags::empty(),

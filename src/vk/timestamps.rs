@@ -12,18 +12,30 @@ pub(crate) struct Timestamps {
 }
 
 impl Timestamps {
-    /// A pool of `count` timestamps.
+    /// Refuses a device whose kernels cannot be timed.
     ///
     /// # Errors
-    /// [`Error::Unsupported`] where the queue has no timestamps; [`Error::Vulkan`].
-    pub fn new(device: &Device, count: u32) -> Result<Self> {
-        if !device.has_timestamps() {
-            let (device, missing) = (device.info().name.clone(), "timestamps on the queue (timestampValidBits)".into());
-            return Err(Error::Unsupported { device, missing });
+    /// [`Error::Unsupported`].
+    pub fn check(device: &Device) -> Result<()> {
+        let missing = device.caps().lacks_for_timestamps().join(", ");
+        if missing.is_empty() {
+            return Ok(());
         }
+        Err(Error::Unsupported { device: device.info().name.clone(), missing })
+    }
+
+    /// A pool of `count` timestamps, none of them written yet.
+    ///
+    /// # Errors
+    /// As [`Timestamps::check`]; [`Error::Vulkan`].
+    pub fn new(device: &Device, count: u32) -> Result<Self> {
+        Self::check(device)?;
         let info = vk::QueryPoolCreateInfo::default().query_type(vk::QueryType::TIMESTAMP).query_count(count);
         // SAFETY: the device is alive.
         let pool = unsafe { device.raw().create_query_pool(&info, None) }.called("vkCreateQueryPool")?;
+        // A query that was never reset is undefined, and must not be asked for.
+        // SAFETY: the pool is new, so nothing in flight uses it; `check` has seen that the feature is enabled.
+        unsafe { device.raw().reset_query_pool(pool, 0, count) };
         Ok(Self { device: device.clone(), pool })
     }
 
@@ -50,12 +62,9 @@ impl Timestamps {
     ///
     /// # Errors
     /// [`Error::DeviceLost`], [`Error::Vulkan`].
-    ///
-    /// # Safety
-    /// The timestamps were reset by commands that have been submitted.
-    pub unsafe fn read(&self, first: u32, count: u32) -> Result<Option<Vec<f64>>> {
+    pub fn read(&self, first: u32, count: u32) -> Result<Option<Vec<f64>>> {
         let mut ticks = vec![0u64; count as usize];
-        // SAFETY: the pool is ours; the caller vouches for the queries. Without WAIT the call returns at once.
+        // SAFETY: the pool is ours and all its queries were reset when it was made. Without WAIT the call returns at once.
         let read = unsafe {
             self.device.raw().get_query_pool_results(self.pool, first, &mut ticks, vk::QueryResultFlags::TYPE_64)
         };

@@ -4,7 +4,7 @@ use super::compare::nmse;
 use super::device::{assert_no_validation_messages, device};
 use super::random::Random;
 use vkdenoise::frame::Extent;
-use vkdenoise::kernels::{BufferId, Call, Storage, Tiles, Variants, View};
+use vkdenoise::kernels::{BufferId, Call, HALF_TILE, Storage, TILE, TileRect, Tiles, Variants, View};
 use vkdenoise::net::{
     Arch, Block, Bottleneck, Convolution, Decoder, DepthRule, ExposureRule, Preprocessing, StageSpec, Weights,
 };
@@ -127,11 +127,29 @@ impl Cases {
         View { buffer, first, channels, stride, width, height, top, storage: Storage::F32 }
     }
 
-    /// Every tile of a map, or some of them in any order.
-    pub fn tiles(&mut self, (width, height): (u32, u32)) -> Tiles {
+    /// Every tile of a map, a rectangle, or some of them in any order.
+    pub fn tiles(&mut self, size: (u32, u32)) -> Tiles {
+        self.tiles_from(size, HALF_TILE)
+    }
+
+    /// The same for kernels that work on windows, whose rectangles begin with a window.
+    pub fn windows(&mut self, size: (u32, u32)) -> Tiles {
+        self.tiles_from(size, TILE)
+    }
+
+    fn tiles_from(&mut self, (width, height): (u32, u32), grain: u32) -> Tiles {
         let mut list: Vec<_> = (0..height / 8).flat_map(|y| (0..width / 8).map(move |x| (x, y))).collect();
-        if self.random.coin() {
-            return Tiles::All;
+        match self.random.integer(0, 3) {
+            0 | 1 => return Tiles::All,
+            2 => {
+                let mut axis = |size: u32| {
+                    let tiles = self.random.integer(1, size / TILE);
+                    (grain * self.random.integer(0, (size - tiles * TILE) / grain), tiles)
+                };
+                let ((x, columns), (y, rows)) = (axis(width), axis(height));
+                return Tiles::Rect(TileRect { x, y, columns, rows });
+            }
+            _ => {}
         }
         for i in (1..list.len()).rev() {
             list.swap(i, self.random.integer(0, i as u32) as usize);

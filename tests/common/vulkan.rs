@@ -15,6 +15,7 @@ pub struct Renderer {
     pub queue_family: u32,
     pub storage16: bool,
     pub int64: bool,
+    pub host_query_reset: bool,
     queue: vk::Queue,
     pool: vk::CommandPool,
     memory: vk::PhysicalDeviceMemoryProperties,
@@ -78,13 +79,18 @@ impl Renderer {
             let queue_family = families.iter().position(compute).unwrap() as u32;
 
             let mut available11 = vk::PhysicalDeviceVulkan11Features::default();
-            let mut available = vk::PhysicalDeviceFeatures2::default().push_next(&mut available11);
+            let mut available12 = vk::PhysicalDeviceVulkan12Features::default();
+            let mut available =
+                vk::PhysicalDeviceFeatures2::default().push_next(&mut available11).push_next(&mut available12);
             instance.get_physical_device_features2(physical_device, &mut available);
             let storage16 = available11.storage_buffer16_bit_access == vk::TRUE;
+            let host_query_reset = available12.host_query_reset == vk::TRUE;
             let int64 = instance.get_physical_device_features(physical_device).shader_int64 == vk::TRUE;
             assert_eq!(Device::requirements().features, ["bufferDeviceAddress"]);
             assert!(Device::requirements().extensions.is_empty());
-            let mut features12 = vk::PhysicalDeviceVulkan12Features::default().buffer_device_address(true);
+            let mut features12 = vk::PhysicalDeviceVulkan12Features::default()
+                .buffer_device_address(true)
+                .host_query_reset(host_query_reset);
             let mut features11 = vk::PhysicalDeviceVulkan11Features::default().storage_buffer16_bit_access(storage16);
             let queues =
                 [vk::DeviceQueueCreateInfo::default().queue_family_index(queue_family).queue_priorities(&[1.0])];
@@ -107,6 +113,7 @@ impl Renderer {
                 queue_family,
                 storage16,
                 int64,
+                host_query_reset,
                 queue,
                 pool,
                 memory,
@@ -124,6 +131,7 @@ impl Renderer {
             queue_family: self.queue_family,
             storage_buffer_16bit: self.storage16,
             shader_int64: self.int64,
+            host_query_reset: self.host_query_reset,
         }
     }
 
@@ -302,17 +310,16 @@ impl<'a> RendererImage<'a> {
         let fence = renderer.submit(|commands| {
             let undefined = vk::ImageLayout::UNDEFINED;
             let transfer = (vk::PipelineStageFlags::TRANSFER, vk::AccessFlags::TRANSFER_WRITE);
-            image.transition(commands, undefined, (vk::PipelineStageFlags::TOP_OF_PIPE, vk::AccessFlags::empty()), transfer);
+            image.transition(
+                commands,
+                undefined,
+                (vk::PipelineStageFlags::TOP_OF_PIPE, vk::AccessFlags::empty()),
+                transfer,
+            );
             // SAFETY: the command buffer is recording; image and staging live until the fence.
             unsafe {
                 let copy = [image.region()];
-                renderer.device.cmd_copy_buffer_to_image(
-                    commands,
-                    staging.raw,
-                    raw,
-                    vk::ImageLayout::GENERAL,
-                    &copy,
-                );
+                renderer.device.cmd_copy_buffer_to_image(commands, staging.raw, raw, vk::ImageLayout::GENERAL, &copy);
             }
             let compute =
                 (vk::PipelineStageFlags::COMPUTE_SHADER, vk::AccessFlags::SHADER_READ | vk::AccessFlags::SHADER_WRITE);

@@ -1,11 +1,10 @@
 //! `vkdenoise-bench stress`: every case on every tier, and on peers beside them.
 
 use crate::stress::light::is_of_training;
-use crate::stress::subject::{Peer, Subject, Tier, without_residual};
+use crate::stress::subject::{Peer, PeerSpec, Subject, Tier, without_residual};
 use crate::stress::table::Matrix;
 use crate::stress::{Case, Effort, Result, cases};
 use std::path::PathBuf;
-use std::str::FromStr;
 use vkdenoise::{Device, DeviceSelector, Weights};
 
 /// Options of `vkdenoise-bench stress`.
@@ -39,22 +38,6 @@ pub struct StressArgs {
     /// Write a Markdown table.
     #[arg(long)]
     markdown: Option<PathBuf>,
-}
-
-/// A peer's name and command.
-#[derive(Clone)]
-struct PeerSpec {
-    name: String,
-    command: String,
-}
-
-impl FromStr for PeerSpec {
-    type Err = String;
-
-    fn from_str(text: &str) -> Result<Self, String> {
-        let parts = text.split_once('=').ok_or_else(|| format!("'{text}' is not NAME=COMMAND"))?;
-        Ok(Self { name: parts.0.into(), command: parts.1.into() })
-    }
 }
 
 /// Runs it. The engine's figures must all be inside their bounds; a peer's are only shown.

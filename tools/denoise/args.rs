@@ -3,7 +3,7 @@
 use clap::Parser;
 use std::path::PathBuf;
 use vkdenoise::exr_io::FeatureSource;
-use vkdenoise::{DeviceSelector, Exposure, Precision};
+use vkdenoise::{DeviceSelector, Exposure, Precision, Region};
 
 /// Denoises OpenEXR renders with Vulkan.
 ///
@@ -61,6 +61,11 @@ pub struct Args {
     #[arg(long, value_name = "MIB")]
     pub memory_budget: Option<u64>,
 
+    /// Denoise these pixels alone, for part of the work and with the same result: X,Y,W,H, counted from the upper left
+    /// corner of the image. The output is the input cropped to them
+    #[arg(long, value_name = "X,Y,W,H", allow_hyphen_values = true, value_parser = region)]
+    pub region: Option<Region>,
+
     /// Reference file (or frame pattern): prints PSNR, SSIM and relMSE before and after
     #[arg(long, value_name = "REF.exr")]
     pub reference: Option<PathBuf>,
@@ -98,6 +103,16 @@ fn exposure(text: &str) -> Result<Exposure, String> {
     match text.parse::<f32>() {
         Ok(factor) if factor.is_finite() && factor > 0.0 => Ok(Exposure::Fixed(factor)),
         _ => Err("give \"auto\" or a number above 0".into()),
+    }
+}
+
+fn region(text: &str) -> Result<Region, String> {
+    let numbers: Vec<u32> = text.split(',').map_while(|number| number.trim().parse().ok()).collect();
+    match numbers[..] {
+        [x, y, width, height] if width > 0 && height > 0 && text.split(',').count() == 4 => {
+            Ok(Region { x, y, width, height })
+        }
+        _ => Err("give X,Y,W,H: left column, top row, width and height in pixels, such as 0,0,256,128".into()),
     }
 }
 

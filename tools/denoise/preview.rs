@@ -1,9 +1,19 @@
 //! `--png`: images side by side as a screen shows them.
 
 use image::{ExtendedColorType, ImageEncoder, codecs::png::PngEncoder};
+use std::borrow::Cow;
 use std::path::Path;
-use vkdenoise::Extent;
 use vkdenoise::exr_io::{ExrError, replace_file};
+use vkdenoise::{Extent, Region};
+
+/// The pixels of a region of an image of `extent`, interleaved RGB; all of them without one.
+pub fn cut(extent: Extent, region: Option<Region>, image: &[f32]) -> Cow<'_, [f32]> {
+    let Some(region) = region else { return image.into() };
+    let row = 3 * extent.width as usize;
+    let (first, length) = (3 * region.x as usize, 3 * region.width as usize);
+    let rows = region.y as usize..region.bottom() as usize;
+    rows.flat_map(|y| &image[y * row + first..][..length]).copied().collect::<Vec<_>>().into()
+}
 
 /// Writes images of one size (interleaved RGB) side by side: times `exposure`, gamma 2.2, 8 bits.
 pub fn write(path: &Path, extent: Extent, exposure: f32, images: &[&[f32]]) -> Result<(), ExrError> {

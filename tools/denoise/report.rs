@@ -6,7 +6,7 @@ use serde::Serialize;
 use std::io::Write;
 use vkdenoise::exr_io::{Selection, UsedLayer};
 use vkdenoise::metrics::Comparison;
-use vkdenoise::{Error, Extent, Report};
+use vkdenoise::{Error, Extent, Region, Report};
 
 /// The figures of one image against a reference.
 pub struct Figures {
@@ -27,6 +27,8 @@ impl Figures {
 pub struct Outcome<'a> {
     pub job: &'a Job,
     pub extent: Extent,
+    /// What was denoised of it, if not all.
+    pub region: Option<Region>,
     pub device: &'a str,
     pub driver: &'a str,
     pub precision: String,
@@ -51,6 +53,10 @@ struct Record<'a> {
     output: String,
     width: u32,
     height: u32,
+    /// Left column, top row, width, height; null without `--region`.
+    region: Option<[u32; 4]>,
+    /// Share of the whole image's work that was done.
+    work: f64,
     device: &'a str,
     driver: &'a str,
     precision: &'a str,
@@ -82,6 +88,8 @@ impl Outcome<'_> {
             output: self.job.output.display().to_string(),
             width: self.extent.width,
             height: self.extent.height,
+            region: self.region.map(|Region { x, y, width, height }| [x, y, width, height]),
+            work: self.report.work,
             device: self.device,
             driver: self.driver,
             precision: &self.precision,
@@ -126,8 +134,11 @@ impl Outcome<'_> {
     pub fn summary(&self) -> String {
         let Outcome { extent: Extent { width, height }, report, .. } = self;
         let gpu = report.gpu_ms.map_or(String::new(), |ms| format!(", {ms:.1} on the device"));
+        let part = self.region.map_or(String::new(), |Region { x, y, width, height }| {
+            format!("{width} x {height} from ({x}, {y}), {:.1} % of the work, of ", 100.0 * report.work)
+        });
         format!(
-            "{}: {width} x {height}, exposure {:.4}, {} in {:.1} ms{gpu} ({})",
+            "{}: {part}{width} x {height}, exposure {:.4}, {} in {:.1} ms{gpu} ({})",
             self.job.output.display(),
             report.exposure,
             self.precision,

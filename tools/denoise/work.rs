@@ -7,7 +7,7 @@ use crate::{Failure, interrupt, preview};
 use indicatif::{ProgressBar, ProgressStyle};
 use std::time::Duration;
 use vkdenoise::exr_io::{ExrError, ExrFrame, LayerOptions};
-use vkdenoise::{Denoiser, Device, DeviceSelector, Error, Layout, Options, PlaneMut, Weights};
+use vkdenoise::{Denoiser, Device, DeviceSelector, Error, Extent, Layout, Options, PlaneMut, Weights};
 
 /// Does all jobs. One that fails does not keep the others from being done.
 pub fn run(args: &Args, jobs: &[Job]) -> Result<(), Failure> {
@@ -89,7 +89,8 @@ impl Engine {
             ..Options::default()
         };
         let device = Device::open(&selector)?;
-        let denoiser = Denoiser::new(&device, weights, &options)?;
+        let mut denoiser = Denoiser::new(&device, weights, &options)?;
+        denoiser.set_region(args.region);
         Ok(Self { device, denoiser })
     }
 }
@@ -98,6 +99,8 @@ impl Session<'_> {
     fn denoise(&mut self, job: &Job) -> Result<(), Trouble> {
         self.bar.set_message(job.input.display().to_string());
         let image = ExrFrame::read(&job.input, &job.layers)?;
+        let region = self.args.region;
+        region.map_or(Ok(()), |region| image.check_region(region))?;
         let reference = job.reference.as_ref().map(|_| read_reference(job, &image)).transpose()?;
         self.say(|| selection_text(job, image.selection()));
 
@@ -118,17 +121,25 @@ impl Session<'_> {
 
         {
             let _whole = interrupt::hold_off();
-            image.write_with_color(&job.output, &color)?;
-            if let Some(png) = &job.png {
-                let mut images = vec![image.color(), &color];
-                images.extend(reference.as_ref().map(ExrFrame::color));
-                preview::write(png, extent, report.exposure, &images)?;
+            match region {
+                Some(region) => image.write_region(&job.output, &color, region)?,
+                None => image.write_with_color(&job.output, &color)?,
             }
+        }
+        let size = region.map_or(extent, |region| Extent::new(region.width, region.height));
+        let cut = |image| preview::cut(extent, region, image);
+        let (noisy, denoised) = (cut(image.color()), cut(&color));
+        let reference = reference.as_ref().map(|reference| cut(reference.color()));
+        if let Some(png) = &job.png {
+            let mut images = vec![&*noisy, &*denoised];
+            images.extend(reference.as_deref());
+            let _whole = interrupt::hold_off();
+            preview::write(png, size, report.exposure, &images)?;
         }
         let figures = match &reference {
             Some(reference) => {
-                let figures = |image| Figures::new(extent, image, reference.color()).map_err(of_image);
-                Some([figures(image.color())?, figures(&color)?])
+                let figures = |image| Figures::new(size, image, reference).map_err(of_image);
+                Some([figures(&noisy)?, figures(&denoised)?])
             }
             None => None,
         };
@@ -136,6 +147,7 @@ impl Session<'_> {
         self.tell(&Outcome {
             job,
             extent,
+            region,
             device: &info.name,
             driver: &info.driver,
             precision,

@@ -1,48 +1,26 @@
-"""Intel OIDN beside vkdenoise in the stress matrix: a peer for `vkdenoise-bench stress`.
+"""Intel OIDN beside vkdenoise: a peer for `vkdenoise-bench stress` and `vkdenoise-bench pareto`.
 
     vkdenoise-bench stress --peer 'OIDN=venv/bin/python tools/measure/oidn_peer.py' --markdown stress.md
 
-Reads frames from standard input and writes the denoised colour to standard output, until the input ends. A frame:
-width, height, and whether there are albedo, normal and depth, as five little-endian 32-bit integers; then colour and the
-features that there are, interleaved 32-bit floats.
+An argument is OIDN's quality: high (default), balanced or fast.
 """
 import sys
 
-import numpy as np
 import pyoidn
 
-
-def read_floats(stream, *shape):
-    count = int(np.prod(shape))
-    data = stream.read(4 * count)
-    if len(data) < 4 * count:
-        raise EOFError("a frame ends early")
-    return np.frombuffer(data, "<f4").reshape(shape).copy()
+from peer import serve
 
 
-def frames(stream):
-    while header := stream.read(20):
-        width, height, *present = np.frombuffer(header, "<u4")
-        color = read_floats(stream, height, width, 3)
-        planes = [read_floats(stream, height, width, n) if there else None for n, there in zip((3, 3, 1), present)]
-        yield color, planes
-
-
-def denoise(color, albedo, normal):
+def denoise(color, albedo, normal, quality):
     """As a renderer's preview would call it. OIDN takes no depth, and a normal only beside an albedo."""
     features = {}
     if albedo is not None:
         features["albedo"] = albedo
         if normal is not None:
             features["normal"] = normal
-    return pyoidn.denoise(color, **features, hdr=True, clean_aux=False, quality="high")
-
-
-def main():
-    for color, (albedo, normal, _) in frames(sys.stdin.buffer):
-        sys.stdout.buffer.write(np.ascontiguousarray(denoise(color, albedo, normal), "<f4").tobytes())
-        sys.stdout.buffer.flush()
+    return pyoidn.denoise(color, **features, hdr=True, clean_aux=False, quality=quality)
 
 
 if __name__ == "__main__":
-    main()
+    quality = sys.argv[1] if len(sys.argv) > 1 else "high"
+    serve(lambda color, albedo, normal, _: denoise(color, albedo, normal, quality))

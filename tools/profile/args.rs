@@ -140,6 +140,9 @@ pub struct Common {
     /// Vulkan device: "best", an index or part of a name
     #[arg(long, value_name = "D", env = "VKDENOISE_DEVICE", default_value = "best")]
     pub device: DeviceSelector,
+    /// Time whole passes on the host, and no kernels, as on a device without timestamps
+    #[arg(long)]
+    pub host_clock: bool,
 }
 
 /// Where a measurement goes: a table on standard output, or elsewhere.

@@ -28,13 +28,18 @@ pub struct Header {
     roof_gb_per_second_f32: f64,
     roof_gflop_per_second_f16: Option<f64>,
     roof_gb_per_second_f16: Option<f64>,
+    roof_gflop_per_second_matrix: Option<f64>,
 }
 
 impl Session {
     /// Opens the device and measures its roofs.
     pub fn open(common: &Common) -> Result<Self, Error> {
-        let options =
-            DeviceOptions { selector: common.device.clone(), pipeline_statistics: true, ..DeviceOptions::default() };
+        let options = DeviceOptions {
+            selector: common.device.clone(),
+            pipeline_statistics: true,
+            host_clock: common.host_clock,
+            ..DeviceOptions::default()
+        };
         let device = Device::open_with(&options)?;
         let roof = Roof::measure(&device)?;
         Ok(Self { device, roof, repeat: common.repeat, warm_up: common.warm_up })
@@ -63,6 +68,7 @@ impl Session {
             roof_gb_per_second_f32: self.roof.bytes_f32 * 1e-9,
             roof_gflop_per_second_f16: self.roof.flops_f16.map(|rate| rate * 1e-9),
             roof_gb_per_second_f16: self.roof.bytes_f16.map(|rate| rate * 1e-9),
+            roof_gflop_per_second_matrix: self.roof.flops_matrix.map(|rate| rate * 1e-9),
         }
     }
 }
@@ -77,9 +83,12 @@ impl Header {
         if let (Some(flops), Some(bytes)) = (self.roof_gflop_per_second_f16, self.roof_gb_per_second_f16) {
             text += &format!("; fp16 {flops:.1} GFLOP/s, {bytes:.1} GB/s");
         }
-        text.push('\n');
+        text += &match self.roof_gflop_per_second_matrix {
+            Some(flops) => format!("; matrices {flops:.1} GFLOP/s\n"),
+            None => "; no cooperative matrices\n".into(),
+        };
         if !self.timestamps {
-            text += "The device's queue has no timestamps: whole passes are timed, on the host, and no kernels.\n";
+            text += "No timestamps: whole passes are timed, on the host, and no kernels.\n";
         }
         text
     }

@@ -3,7 +3,9 @@
 
 use super::Result;
 use super::random::Random;
-use vkdenoise::kernels::stats::{Clear, HISTOGRAM_BYTES, Histogram, Key, STATS_FLOATS, Select, TileMeans};
+use vkdenoise::kernels::stats::{
+    Clear, Counted, HISTOGRAM_BYTES, Histogram, KEY, Key, STATS_FLOATS, Select, TileMeans,
+};
 use vkdenoise::kernels::{BufferId, Call, Storage};
 use vkdenoise::plan::{Buffer, Place};
 use vkdenoise::reference::Reference;
@@ -95,25 +97,25 @@ impl Scene {
     /// None that a scene can cause.
     pub fn key(&self) -> Result<f64> {
         let Extent { width, height } = self.extent;
-        let [histograms, stats, logs] = [0, 1, 2].map(BufferId);
+        let [histogram, stats, logs] = [0, 1, 2].map(BufferId);
         let tile_means = TileMeans { stats, dst: logs, width, height };
         let tiles = tile_means.tiles();
-        let sizes = [("histograms", HISTOGRAM_BYTES), ("stats", 4 * STATS_FLOATS), ("tiles", 4 * u64::from(tiles))];
+        let sizes = [("histogram", HISTOGRAM_BYTES), ("stats", 4 * STATS_FLOATS), ("tiles", 4 * u64::from(tiles))];
         let place = Place::Arena { block: 0, offset: 0 };
         let buffers =
             sizes.map(|(name, bytes)| Buffer { name: name.into(), bytes, storage: Storage::F32, place: place.clone() });
         let mut reference = Reference::for_calls(self.extent, &buffers, &Weights::hybrid()?)?;
         reference.set_frame(&self.frame(), None, 0.0)?;
         for call in [
-            Call::StatsClear(Clear { histograms }),
-            Call::StatsHistogram(Histogram { histograms, width, height }),
-            Call::StatsSelect(Select { histograms, stats }),
+            Call::StatsClear(Clear { histogram }),
+            Call::StatsHistogram(Histogram { histogram, counted: Counted::Luminance, width, height }),
+            Call::StatsSelect(Select { histogram, counted: Counted::Luminance, dst: stats }),
             Call::StatsTiles(tile_means),
             Call::StatsKey(Key { src: logs, tiles, stats }),
         ] {
             reference.run_call(&call);
         }
-        Ok(reference.buffer(stats)[2])
+        Ok(reference.buffer(stats)[KEY])
     }
 }
 

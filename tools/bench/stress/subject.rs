@@ -5,6 +5,7 @@ use super::scene::Scene;
 use std::collections::BTreeMap;
 use std::io::{Read, Write};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
+use std::str::FromStr;
 use vkdenoise::kernels::winograd::WinogradTile;
 use vkdenoise::net::Graph;
 use vkdenoise::plan::ConvAlgorithm;
@@ -140,7 +141,7 @@ impl Subject {
                 engine.denoiser.denoise(&scene.frame(), PlaneMut::f32(&mut output, rgb))?;
                 Ok(output)
             }
-            Kind::Peer(peer) => peer.denoise(scene),
+            Kind::Peer(peer) => Ok(peer.denoise(scene)?.0),
         }
     }
 
@@ -174,8 +175,27 @@ impl Subject {
     }
 }
 
+/// A peer's name and command, written NAME=COMMAND.
+#[derive(Clone, Debug)]
+pub struct PeerSpec {
+    /// Its name.
+    pub name: String,
+    /// The command line, split at spaces.
+    pub command: String,
+}
+
+impl FromStr for PeerSpec {
+    type Err = String;
+
+    fn from_str(text: &str) -> Result<Self, String> {
+        let parts = text.split_once('=').ok_or_else(|| format!("'{text}' is not NAME=COMMAND"))?;
+        Ok(Self { name: parts.0.into(), command: parts.1.into() })
+    }
+}
+
 /// A process that denoises. It is sent `width, height, albedo?, normal?, depth?` as 32-bit integers and then the planes
-/// that there are, interleaved 32-bit floats, and answers with the denoised colour. Everything is little-endian.
+/// that there are, interleaved 32-bit floats. It answers with the denoised colour and, as a 64-bit float, the seconds that
+/// took: CPU seconds where it runs on the CPU. Everything is little-endian.
 pub struct Peer {
     child: Child,
     // Closed before the process is waited for: its end of input is its end.
@@ -196,7 +216,11 @@ impl Peer {
         Ok(Self { child, stdin, stdout })
     }
 
-    fn denoise(&mut self, scene: &Scene) -> Result<Vec<f32>> {
+    /// The denoised scene, and the seconds that took.
+    ///
+    /// # Errors
+    /// Where the process ends or says too little.
+    pub fn denoise(&mut self, scene: &Scene) -> Result<(Vec<f32>, f64)> {
         let stdin = self.stdin.as_mut().ok_or("the peer has ended")?;
         let features = [&scene.albedo, &scene.normal, &scene.depth];
         let mut message = vec![scene.extent.width, scene.extent.height];
@@ -207,7 +231,9 @@ impl Peer {
         stdin.flush()?;
         let mut output = vec![f32::NAN; scene.color.len()];
         self.stdout.read_exact(bytemuck::cast_slice_mut(&mut output))?;
-        Ok(output)
+        let mut seconds = [0; 8];
+        self.stdout.read_exact(&mut seconds)?;
+        Ok((output, f64::from_le_bytes(seconds)))
     }
 }
 

@@ -1,0 +1,213 @@
+//! Features that did not change since the last frame: what depends on them alone is kept, and the bits are the same.
+
+mod common;
+
+use common::case::PREPROCESSING;
+use common::compare::assert_same_bits;
+use common::device::{assert_no_validation_messages, device};
+use common::random::Random;
+use common::vulkan::{Renderer, RendererBuffer};
+use vkdenoise::net::graph::Graph;
+use vkdenoise::net::{Arch, Weights};
+use vkdenoise::plan::{Place, Plan, PlanOptions, plan};
+use vkdenoise::{
+    BufferFrame, BufferPlane, Denoiser, Device, Error, Extent, Features, Frame, FrameOptions, Layout, Options, Plane,
+    PlaneMut, Region, SampleFormat,
+};
+
+const EXTENT: Extent = Extent::new(150, 100);
+
+const KEEPING: Options = Options {
+    precision: vkdenoise::Precision::Auto,
+    exposure: vkdenoise::Exposure::Auto,
+    blend: 0.0,
+    conv: None,
+    separable: None,
+    keep_features: true,
+    memory_budget: None,
+    max_chain_bytes: None,
+};
+
+struct Picture {
+    color: Vec<f32>,
+    albedo: Vec<f32>,
+    normal: Vec<f32>,
+    depth: Vec<f32>,
+}
+
+impl Picture {
+    fn new(seed: u64) -> Self {
+        let (mut random, pixels) = (Random::new(seed), EXTENT.pixels() as usize);
+        Self {
+            color: random.values(3 * pixels, 0.0, 3.0),
+            albedo: random.values(3 * pixels, 0.0, 1.0),
+            normal: random.values(3 * pixels, -1.0, 1.0),
+            depth: random.values(pixels, 1.0, 50.0),
+        }
+    }
+
+    /// This colour with another's features.
+    fn frame<'a>(&'a self, other: &'a Self) -> Frame<'a> {
+        let rgb = Layout::interleaved(EXTENT, 3);
+        let features = Features {
+            albedo: Some(Plane::f32(&other.albedo, rgb)),
+            normal: Some(Plane::f32(&other.normal, rgb)),
+            depth: Some(Plane::f32(&other.depth, Layout::interleaved(EXTENT, 1))),
+        };
+        Frame { extent: EXTENT, color: Plane::f32(&self.color, rgb), features }
+    }
+}
+
+/// Random weights: every branch matters to the result.
+fn weights() -> Weights {
+    Weights::hashed(&Arch::hybrid(), PREPROCESSING, 9).unwrap()
+}
+
+fn denoise(denoiser: &mut Denoiser, frame: &Frame) -> Result<Vec<f32>, Error> {
+    let mut output = vec![-1.0; 3 * EXTENT.pixels() as usize];
+    denoiser.denoise(frame, PlaneMut::f32(&mut output, Layout::interleaved(EXTENT, 3))).map(|_| output)
+}
+
+fn plan_of(name: &str, extent: Extent, keep_features: bool) -> Plan {
+    let graph = Graph::new(&Arch::named(name).unwrap()).unwrap();
+    plan(&graph, extent, &PlanOptions { keep_features, ..PlanOptions::default() }).unwrap()
+}
+
+/// The plan finds by dataflow what the network's definition says.
+#[test]
+fn what_depends_on_features_alone_is_found() {
+    for name in Arch::NAMES {
+        let plan = plan_of(name, Extent::new(256, 128), true);
+        for dispatch in &plan.dispatches {
+            let last = dispatch.name.rsplit('.').next().unwrap_or_default();
+            let expected = dispatch.name.starts_with("aux_proj")
+                || ["patch_embed_f", "input.aux", "stats.depths", "stats.depth_scale"].contains(&&dispatch.name[..])
+                || ["f", "norm1_f", "qkf", "film", "mean"].contains(&last)
+                || dispatch.name.contains(".film");
+            assert_eq!(dispatch.of_features, expected, "{name}: {}", dispatch.name);
+        }
+        // Whatever the rest reads of it keeps its place: nothing else lies there.
+        let rest: Vec<_> = plan.with_kept_features(plan.dispatches.clone());
+        let rest: Vec<_> = rest.iter().filter(|dispatch| !dispatch.skipped).map(|d| d.traffic()).collect();
+        let written: Vec<_> = rest.iter().flat_map(|traffic| &traffic.writes).map(|(id, _)| *id).collect();
+        for (id, _) in rest.iter().flat_map(|traffic| &traffic.reads) {
+            let Place::Arena { block, offset } = plan.buffer(*id).place else { continue };
+            if written.contains(id) {
+                continue;
+            }
+            let end = offset + plan.buffer(*id).bytes;
+            for other in &plan.dispatches {
+                for (other, _) in other.traffic().writes.iter().filter(|(other, _)| other != id) {
+                    let Place::Arena { block: its, offset: start } = plan.buffer(*other).place else { continue };
+                    let apart = its != block || start >= end || start + plan.buffer(*other).bytes <= offset;
+                    assert!(apart, "{name}: {} lies on {}", plan.buffer(*other).name, plan.buffer(*id).name);
+                }
+            }
+        }
+    }
+}
+
+#[test]
+fn what_it_saves_and_costs() {
+    let extent = Extent::new(1920, 1080);
+    let (plain, keeping) = (plan_of("hybrid", extent, false), plan_of("hybrid", extent, true));
+    let flops = |dispatches: &[vkdenoise::plan::Dispatch]| dispatches.iter().map(|d| d.flops).sum::<u64>() as f64;
+    let rest = flops(&keeping.with_kept_features(keeping.dispatches.clone())) / flops(&plain.dispatches);
+    let mb = |plan: &Plan| plan.blocks.iter().sum::<u64>() as f64 * 1e-6;
+    println!("{rest:.4} of the work remains, {:.0} MB in place of {:.0}", mb(&keeping), mb(&plain));
+    assert!((0.85..0.87).contains(&rest), "{rest}");
+    assert!(mb(&keeping) < 1.35 * mb(&plain), "{} MB in place of {}", mb(&keeping), mb(&plain));
+}
+
+#[test]
+fn the_host_path_keeps_features() {
+    let [first, second, third] = [1, 2, 3].map(Picture::new);
+    let mut plain = Denoiser::new(device(), &weights(), &Options::default()).unwrap();
+    let mut whole = |color: &Picture, features: &Picture| denoise(&mut plain, &color.frame(features)).unwrap();
+    let mut keeping = Denoiser::new(device(), &weights(), &KEEPING).unwrap();
+
+    keeping.set_features_unchanged(true);
+    let refused = denoise(&mut keeping, &first.frame(&first));
+    assert!(matches!(refused, Err(Error::InvalidOption { option: "features_unchanged", .. })), "{refused:?}");
+    keeping.set_features_unchanged(false);
+    assert_same_bits(&denoise(&mut keeping, &first.frame(&first)).unwrap(), &whole(&first, &first), "first");
+    // From now on those of the first count, whatever comes with the colour.
+    keeping.set_features_unchanged(true);
+    assert_same_bits(&denoise(&mut keeping, &second.frame(&second)).unwrap(), &whole(&second, &first), "second");
+    let colour_alone = Frame { features: Features::default(), ..third.frame(&third) };
+    assert_same_bits(&denoise(&mut keeping, &colour_alone).unwrap(), &whole(&third, &first), "third");
+
+    // Whatever region came before: features are kept of the whole frame.
+    let regions = [Region { x: 3, y: 50, width: 20, height: 9 }, Region { x: 120, y: 4, width: 30, height: 70 }];
+    keeping.set_features_unchanged(false);
+    for region in regions {
+        keeping.set_region(Some(region));
+        let part = denoise(&mut keeping, &second.frame(&third)).unwrap();
+        let expected = whole(&second, &third);
+        for (i, (part, expected)) in part.iter().zip(&expected).enumerate() {
+            let inside = region.contains(i as u32 / 3 % EXTENT.width, i as u32 / 3 / EXTENT.width);
+            assert_eq!(part.to_bits(), if inside { *expected } else { -1.0f32 }.to_bits(), "{region:?}: sample {i}");
+        }
+        keeping.set_features_unchanged(true);
+    }
+
+    keeping.set_features_unchanged(false);
+    keeping.set_region(None);
+    assert_same_bits(&denoise(&mut keeping, &first.frame(&second)).unwrap(), &whole(&first, &second), "changed");
+
+    let mut forgetful = Denoiser::new(device(), &weights(), &Options::default()).unwrap();
+    denoise(&mut forgetful, &first.frame(&first)).unwrap();
+    forgetful.set_features_unchanged(true);
+    let refused = denoise(&mut forgetful, &first.frame(&first));
+    assert!(refused.is_err_and(|error| error.to_string().contains("keep_features")));
+    assert_no_validation_messages();
+}
+
+#[test]
+fn a_renderer_keeps_features() {
+    let renderer = Renderer::new();
+    // SAFETY: the renderer lives to the end of the test.
+    let device = unsafe { Device::from_renderer(renderer.handles()) }.unwrap();
+    let denoiser = Denoiser::new(&device, &weights(), &KEEPING).unwrap();
+    let pass = denoiser.pass(EXTENT).unwrap();
+    let pixels = EXTENT.pixels() as usize;
+    let input = renderer.buffer(40 * EXTENT.pixels());
+    let output = renderer.buffer(12 * EXTENT.pixels());
+    let plane = |buffer: &RendererBuffer, offset, channels| BufferPlane {
+        buffer: buffer.raw,
+        size: buffer.size,
+        format: SampleFormat::F32,
+        layout: Layout { offset, ..Layout::interleaved(EXTENT, channels) },
+    };
+    let frame = BufferFrame {
+        color: plane(&input, 0, 3),
+        albedo: Some(plane(&input, 3 * pixels, 3)),
+        normal: Some(plane(&input, 6 * pixels, 3)),
+        depth: Some(plane(&input, 9 * pixels, 1)),
+        output: plane(&output, 0, 3),
+    };
+    // SAFETY: the buffers live to the end of the test.
+    let binding = unsafe { pass.bind_buffers(&frame) }.unwrap();
+    let mut plain = Denoiser::new(common::device::device(), &weights(), &Options::default()).unwrap();
+    let pictures = [4, 5, 6].map(Picture::new);
+    for (i, picture) in pictures.iter().enumerate() {
+        // The features in the buffer change, too, as they must not be looked at.
+        let planes = [&picture.color, &picture.albedo, &picture.normal, &picture.depth];
+        let all: Vec<f32> = planes.into_iter().flatten().copied().collect();
+        input.write(bytemuck::cast_slice(&all));
+        let options = FrameOptions { features_unchanged: i > 0, ..FrameOptions::default() };
+        let work = pass.work(&options).unwrap();
+        assert!(if i > 0 { (0.8..0.9).contains(&work) } else { work == 1.0 }, "{work}");
+        let fence = renderer.submit(|commands| {
+            // SAFETY: everything bound lives until the fence is waited for.
+            unsafe { pass.record(commands, &binding, &options) }.unwrap();
+            renderer.barrier_to_host(commands);
+        });
+        renderer.wait(fence);
+        let expected = denoise(&mut plain, &picture.frame(&pictures[0])).unwrap();
+        assert_same_bits(bytemuck::cast_slice(&output.read()), &expected, &format!("frame {i}"));
+    }
+    drop((binding, pass, denoiser, device));
+    drop((input, output));
+    renderer.assert_silent();
+}
