@@ -4,8 +4,11 @@ use crate::engine::{self, Engine};
 use crate::error::{Error, Result};
 use crate::frame::{Extent, Features, Frame, PlaneMut, Region, check_in_place};
 use crate::host::HostPass;
+use crate::memory::MemoryRequired;
 use crate::net::weights::Weights;
 use crate::pass::{FrameOptions, Pass};
+#[cfg(doc)]
+use crate::plan::MAX_CHAIN_BYTES;
 use crate::plan::{ConvAlgorithm, SeparableForm};
 use crate::profile::KernelRecord;
 use crate::vk::device::Device;
@@ -80,6 +83,12 @@ pub struct Options {
     pub conv: Option<ConvAlgorithm>,
     /// How separable convolutions are; `None`: as suits the device.
     pub separable: Option<SeparableForm>,
+    /// Most device memory that a frame may take (arena, weights and, in the host path, staging), in bytes; a frame that needs
+    /// more is refused before anything is allocated for it. `None`: what the device has.
+    pub memory_budget: Option<u64>,
+    /// Bytes that a map between kernels that follow each other may take; where it would take more, they run band by band of
+    /// the frame, which takes less memory and a little more work. The bits stay the same. `None`: [`MAX_CHAIN_BYTES`].
+    pub max_chain_bytes: Option<u64>,
     /// Whether what depends on albedo, normal and depth alone is kept between frames, for a camera that stands still:
     /// [`FrameOptions::features_unchanged`], [`Denoiser::set_features_unchanged`]. It costs device memory.
     pub keep_features: bool,
@@ -199,6 +208,14 @@ impl Denoiser {
     /// The device.
     pub fn device(&self) -> &Device {
         &self.engine.device
+    }
+
+    /// The device memory that a frame size takes, from its plan: nothing is allocated.
+    ///
+    /// # Errors
+    /// [`Error::EmptyFrame`], [`Error::FrameTooLarge`].
+    pub fn memory_required(&self, extent: Extent) -> Result<MemoryRequired> {
+        Ok(MemoryRequired::of_plan(&self.engine.plan(extent)?))
     }
 
     /// Prepares the pass of a frame size for a renderer: plans it and allocates its arena.

@@ -5,9 +5,10 @@ use crate::error::{Error, Result};
 use crate::frame::Extent;
 use crate::kernels::Variants;
 use crate::kernels::contract::Need;
+use crate::memory;
 use crate::net::graph::Graph;
 use crate::net::weights::{ExposureRule, Weights, WeightsError};
-use crate::plan::{Place, Plan, PlanOptions, plan};
+use crate::plan::{MAX_CHAIN_BYTES, Place, Plan, PlanOptions, plan};
 use crate::record::Pipelines;
 use crate::vk::caps::{DeviceKind, TEXEL_BYTES};
 use crate::vk::device::Device;
@@ -24,6 +25,8 @@ pub(crate) struct Engine {
     pub pipelines: Pipelines,
     pub weights: Buffer,
     pub exposure_rule: ExposureRule,
+    /// Most device memory that a frame may take, in bytes.
+    pub memory_budget: Option<u64>,
     /// Whether kernels shaped for CPU drivers run.
     pub cpu: bool,
     /// Whether dense kernels run on cooperative matrices.
@@ -37,13 +40,15 @@ impl Engine {
             // No other form is faster on every device measured.
             conv: options.conv.unwrap_or_default(),
             separable: options.separable.unwrap_or_default(),
+            max_chain_bytes: options.max_chain_bytes.unwrap_or(MAX_CHAIN_BYTES),
             keep_features: options.keep_features,
             ..PlanOptions::default()
         };
         let graph = Graph::new(weights.arch()).map_err(WeightsError::from)?;
         // The packing is the same at every size.
         let smallest = plan(&graph, Extent::new(1, 1), &plan_options)?;
-        Self::of_plan(device, graph, &smallest, weights, plan_options)
+        let engine = Self::of_plan(device, graph, &smallest, weights, plan_options)?;
+        Ok(Self { memory_budget: options.memory_budget, ..engine })
     }
 
     /// For plans that pack the weights as `plan` does, which was made with `plan_options`.
@@ -61,6 +66,7 @@ impl Engine {
             graph,
             plan_options,
             exposure_rule: weights.preprocessing().exposure,
+            memory_budget: None,
             cpu: prefers_cpu_kernels(device),
             matrix: false,
         })
@@ -69,6 +75,11 @@ impl Engine {
     /// The plan of a frame size on this device.
     pub fn plan(&self, extent: Extent) -> Result<Plan> {
         plan(&self.graph, extent, &self.plan_options)
+    }
+
+    /// Refuses a frame that takes so many bytes of device memory, where that is too much.
+    pub fn check_memory(&self, extent: Extent, bytes: u64) -> Result<()> {
+        memory::check(extent, bytes, self.memory_budget, self.device.caps().memory_bytes)
     }
 
     /// Largest block of an arena on a device.

@@ -4,7 +4,7 @@ use crate::denoiser::Report;
 use crate::engine::Engine;
 use crate::error::{Error, Result};
 use crate::frame::{Extent, Features, Layout, PlaneMut, Region};
-use crate::kernels::stats::STATS_FLOATS;
+use crate::memory::{INPUT_FLOATS, MemoryRequired, OUTPUT_FLOATS, input_bytes, output_bytes};
 use crate::pass::{Binding, FrameOptions, Pass};
 use crate::profile::{KernelRecord, Profiler};
 use crate::renderer::{BufferFrame, BufferPlane, SampleFormat};
@@ -14,10 +14,6 @@ use ash::vk;
 use gpu_allocator::MemoryLocation;
 use std::sync::Arc;
 use std::time::Instant;
-
-/// Floats of a pixel in the staging buffer: colour, albedo, normal, depth, each plane by itself.
-const INPUT_FLOATS: u64 = 10;
-const OUTPUT_FLOATS: u64 = 3;
 
 /// Which features a frame has: albedo, normal, depth.
 type Present = [bool; 3];
@@ -52,12 +48,13 @@ impl HostPass {
                 "the device is a renderer's, without a queue of ours: use Denoiser::pass and record".into(),
             ));
         }
-        let pixels = extent.pixels();
-        let output_bytes = pixels * OUTPUT_FLOATS * 4 + STATS_FLOATS * 4;
+        let plan = engine.plan(extent)?;
+        engine.check_memory(extent, MemoryRequired::of_plan(&plan).host())?;
+        let (input, output) = (input_bytes(extent.width, extent.height), output_bytes(extent.width, extent.height));
         Ok(Self {
-            pass: Pass::new(engine, extent)?,
-            input: Buffer::new(device, "input planes", pixels * INPUT_FLOATS * 4, MemoryLocation::CpuToGpu)?,
-            output: Buffer::new(device, "output plane", output_bytes, MemoryLocation::GpuToCpu)?,
+            pass: Pass::of_plan(engine, plan)?,
+            input: Buffer::new(device, "input planes", input, MemoryLocation::CpuToGpu)?,
+            output: Buffer::new(device, "output plane", output, MemoryLocation::GpuToCpu)?,
             submission: Submission::new(device)?,
             binding: None,
             recorded: None,

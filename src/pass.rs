@@ -7,7 +7,7 @@ use crate::error::{Error, Result};
 use crate::frame::{Extent, Region};
 use crate::kernels::{Addresses, BufferId, FrameArgs, PlaneArgs, TexelRange, Variants};
 use crate::net::weights::ExposureRule;
-use crate::plan::{self, Dispatch, ELEMENT_BYTES, Place, Plan, Present};
+use crate::plan::{self, Dispatch, Place, Plan, Present};
 use crate::profile::Profiler;
 use crate::record::Recording;
 use crate::renderer::{BufferFrame, ImageFormat, ImageFrame, ImagePlane};
@@ -87,15 +87,7 @@ impl Pass {
 
     /// The pass of a plan of the engine's own graph and packing.
     pub(crate) fn of_plan(engine: &Arc<Engine>, plan: Plan) -> Result<Self> {
-        let extent = plan.extent;
-        let (bytes, heap) = (plan.bytes(), engine.device.caps().memory_bytes);
-        if bytes > heap {
-            return Err(Error::FrameTooLarge {
-                width: extent.width,
-                height: extent.height,
-                reason: format!("it needs {bytes} bytes of device memory, the device has {heap}"),
-            });
-        }
+        engine.check_memory(plan.extent, plan.bytes())?;
         let block = |(i, &bytes): (usize, &u64)| {
             Buffer::new(&engine.device, &format!("arena {i}"), bytes, MemoryLocation::GpuOnly)
         };
@@ -218,8 +210,7 @@ impl Pass {
         let pipelines = engine.pipelines.for_dispatches(dispatches, variants)?;
         let texels = |range: &TexelRange| {
             let (buffer, offset, bytes) = self.location(range.buffer);
-            let skipped = u64::from(range.first) * ELEMENT_BYTES;
-            (buffer, offset + skipped, bytes - skipped)
+            (buffer, offset + range.offset, bytes - range.offset)
         };
         let resources = Resources { images, texels: &texels };
         // SAFETY: the caller vouches for the images; the arena and the weights outlive every use of the binding.
@@ -299,7 +290,6 @@ impl Pass {
             variants: binding.variants,
             addresses: Addresses {
                 buffer: &|id| self.address(id),
-                element_bytes: ELEMENT_BYTES,
                 frame: FrameArgs {
                     exposure: match (options.exposure, self.engine.exposure_rule) {
                         (Exposure::Fixed(factor), _) => Some(factor),

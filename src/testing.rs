@@ -9,7 +9,7 @@ use crate::kernels::contract::Need;
 use crate::kernels::{Addresses, BufferId, Call, FrameArgs, PlaneArgs, TexelRange, Variants};
 use crate::net::graph::Stage;
 use crate::net::weights::Weights;
-use crate::plan::{Dispatch, ELEMENT_BYTES, Plan};
+use crate::plan::{Dispatch, Plan};
 use crate::record::{Pipelines, Recording};
 use crate::vk::caps::TEXEL_BYTES;
 use crate::vk::device::{Device, DeviceOptions};
@@ -127,7 +127,7 @@ impl Bench {
         let Self { submission, device, buffers, variants, planes, .. } = self;
         let texels = |range: &TexelRange| {
             let (_, buffer) = &buffers[range.buffer.0];
-            let offset = GUARD as u64 + u64::from(range.first) * ELEMENT_BYTES;
+            let offset = GUARD as u64 + range.offset;
             (buffer.raw(), offset, (buffer.size() - GUARD as u64 - offset) / TEXEL_BYTES * TEXEL_BYTES)
         };
         let resources = Resources { images: None, texels: &texels };
@@ -136,11 +136,7 @@ impl Bench {
         let recording = Recording {
             device,
             variants: *variants,
-            addresses: Addresses {
-                buffer: &|id| buffers[id.0].1.address() + GUARD as u64,
-                element_bytes: ELEMENT_BYTES,
-                frame: *planes,
-            },
+            addresses: Addresses { buffer: &|id| buffers[id.0].1.address() + GUARD as u64, frame: *planes },
             pipelines: &pipelines,
             sets: &sets,
             timestamps: None,

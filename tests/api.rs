@@ -291,3 +291,33 @@ fn threads() {
     send_and_sync::<FrameOptions>();
     send_and_sync::<Error>();
 }
+
+/// Known before it is allocated, and refused where a budget says so.
+#[test]
+fn memory_is_known_and_bounded() {
+    let (weights, extent) = (Weights::hybrid().unwrap(), Extent::new(200, 130));
+    let denoiser = Denoiser::new(device(), &weights, &Options::default()).unwrap();
+    let needed = denoiser.memory_required(extent).unwrap();
+    assert_eq!(needed.staging, 200 * 130 * (40 + 12) + 12);
+    assert_eq!(needed.pass(), denoiser.pass(extent).unwrap().plan().bytes());
+    let (color, rgb) = (vec![0.5; 3 * extent.pixels() as usize], Layout::interleaved(extent, 3));
+    let frame = Frame { extent, color: Plane::f32(&color, rgb), features: Features::default() };
+    let denoise = |budget| {
+        let options = Options { memory_budget: Some(budget), ..Options::default() };
+        let mut denoiser = Denoiser::new(device(), &weights, &options).unwrap();
+        let mut output = vec![-1.0; color.len()];
+        let result = denoiser.denoise(&frame, PlaneMut::f32(&mut output, rgb));
+        (result.map(|_| ()), denoiser.pass(extent).map(|_| ()), output)
+    };
+    let (denoised, pass, _) = denoise(needed.host());
+    assert!(denoised.is_ok() && pass.is_ok());
+    let (refused, pass, output) = denoise(needed.host() - 1);
+    let words = refused.unwrap_err().to_string();
+    for part in [needed.host(), needed.host() - 1] {
+        assert!(words.contains(&part.to_string()), "{words}");
+    }
+    assert!(pass.is_ok(), "a renderer's pass has no staging");
+    assert!(output.iter().all(|&v| v == -1.0));
+    let (_, pass, _) = denoise(needed.pass() - 1);
+    assert!(matches!(pass, Err(Error::FrameTooLarge { .. })));
+}

@@ -13,7 +13,7 @@ use vkdenoise::frame::{Extent, Layout, PlaneMut};
 use vkdenoise::kernels::film::{FilmVector, TokenSum};
 use vkdenoise::kernels::maps::LayerNorm;
 use vkdenoise::kernels::window_attention::WindowAttention;
-use vkdenoise::kernels::{BufferId, Call, Tiles, View};
+use vkdenoise::kernels::{BufferId, Call, Storage, Tiles, View};
 use vkdenoise::net::{Arch, Block, Convolution, Graph, Weights};
 use vkdenoise::plan::pack::Pack;
 use vkdenoise::plan::{Buffer, Place};
@@ -104,9 +104,22 @@ fn attention_of_large_logits() {
         let mut buffers: Vec<Buffer> = sizes.map(|(name, len)| arena(name, len)).into();
         let pack = Pack::BiasTable { table: TABLE.into(), heads: 1 };
         let bytes = 4 * pack.len() as u64;
-        buffers.push(Buffer { name: "bias".into(), bytes, place: Place::Weights { pack, offset: 0 } });
-        let view =
-            |id, channels| View { buffer: BufferId(id), first: 0, channels, stride: channels, width: 8, height: 8 };
+        buffers.push(Buffer {
+            name: "bias".into(),
+            bytes,
+            storage: Storage::F32,
+            place: Place::Weights { pack, offset: 0 },
+        });
+        let view = |id, channels| View {
+            buffer: BufferId(id),
+            first: 0,
+            channels,
+            stride: channels,
+            width: 8,
+            height: 8,
+            top: 0,
+            storage: Storage::F32,
+        };
         let call = Call::WindowAttention(WindowAttention {
             x: view(0, 2 * keys + values),
             f: view(1, 2 * keys),
@@ -154,7 +167,12 @@ fn attention_of_large_logits() {
 }
 
 fn arena(name: &str, elements: u64) -> Buffer {
-    Buffer { name: name.into(), bytes: 4 * elements, place: Place::Arena { block: 0, offset: 0 } }
+    Buffer {
+        name: name.into(),
+        bytes: 4 * elements,
+        storage: Storage::F32,
+        place: Place::Arena { block: 0, offset: 0 },
+    }
 }
 
 /// The whole network with logits as large as floats allow: whatever wins a row, the picture is sound.
@@ -196,9 +214,18 @@ fn layer_norm_without_variance() {
     let buffers = [
         arena("src", len as u64),
         arena("dst", len as u64),
-        Buffer { name: "norm".into(), bytes, place: Place::Weights { pack, offset: 0 } },
+        Buffer { name: "norm".into(), bytes, storage: Storage::F32, place: Place::Weights { pack, offset: 0 } },
     ];
-    let view = |id| View { buffer: BufferId(id), first: 0, channels: base, stride: base, width: 8, height: 8 };
+    let view = |id| View {
+        buffer: BufferId(id),
+        first: 0,
+        channels: base,
+        stride: base,
+        width: 8,
+        height: 8,
+        top: 0,
+        storage: Storage::F32,
+    };
     let call = Call::LayerNorm(LayerNorm { src: view(0), dst: view(1), weights: BufferId(2), tiles: Tiles::All });
     // By token: the common value and what differs from it.
     let common = [0.0, 1e-30, -1.0, 1.0, 1000.0, -65504.0, 1e10, 1e18];
@@ -242,7 +269,16 @@ fn film_mean_of_many_tokens() {
     let weights = small_net(base, Block::FilmCnn { conv: Convolution::Standard });
     let row = Random::new(7).values(side as usize * base as usize, 0.5, 3.0);
     // Rows that are nothing apart.
-    let src = View { buffer: BufferId(0), first: 0, channels: base, stride: base, width: 0, height: side };
+    let src = View {
+        buffer: BufferId(0),
+        first: 0,
+        channels: base,
+        stride: base,
+        width: 0,
+        height: side,
+        top: 0,
+        storage: Storage::F32,
+    };
     let sum = TokenSum { src, real_width: side, real_height: side, dst: BufferId(1) };
     assert_eq!(sum.real_tokens(), 1 << 26);
     let outputs = 2 * base;
@@ -252,7 +288,7 @@ fn film_mean_of_many_tokens() {
         arena("row", row.len() as u64),
         arena("partials", sum.sums() * u64::from(base)),
         arena("film", outputs.into()),
-        Buffer { name: "weights".into(), bytes, place: Place::Weights { pack, offset: 0 } },
+        Buffer { name: "weights".into(), bytes, storage: Storage::F32, place: Place::Weights { pack, offset: 0 } },
     ];
     let vector = FilmVector {
         partials: BufferId(1),

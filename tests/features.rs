@@ -25,6 +25,8 @@ const KEEPING: Options = Options {
     conv: None,
     separable: None,
     keep_features: true,
+    memory_budget: None,
+    max_chain_bytes: None,
 };
 
 struct Picture {

@@ -13,10 +13,49 @@ use vkdenoise::net::{Arch, Block, Convolution, Weights};
 use vkdenoise::plan::{ConvAlgorithm, SeparableForm};
 use vkdenoise::reference::Reference;
 use vkdenoise::testing::denoise_and_read;
-use vkdenoise::{Denoiser, Extent, Options};
+use vkdenoise::{Denoiser, Extent, Layout, Options, PlaneMut, Region};
 
 /// What the network's residual may be wrong by: NMSE.
 const NETWORK_LIMIT: f64 = 1e-9;
+
+/// Whole and in part, whatever the size of the bands.
+#[test]
+fn bands_have_the_bits_of_the_whole() {
+    let extent = Extent::new(300, 517);
+    let frame = TestFrame::random(extent, 7);
+    let rgb = Layout::interleaved(extent, 3);
+    let mut separable = Arch::hybrid();
+    separable.stages[0].block = Block::FilmCnn { conv: Convolution::Separable };
+    for arch in [Arch::hybrid(), separable, Arch::named("jsa_baseline").unwrap()] {
+        let weights = Weights::hashed(&arch, PREPROCESSING, 8).unwrap();
+        let denoised = |max_chain_bytes, region| {
+            let options = Options { max_chain_bytes: Some(max_chain_bytes), ..Options::default() };
+            let mut denoiser = Denoiser::new(device(), &weights, &options).unwrap();
+            denoiser.set_region(region);
+            let mut output = vec![-1.0; 3 * extent.pixels() as usize];
+            denoiser.denoise(&frame.frame(), PlaneMut::f32(&mut output, rgb)).unwrap();
+            let passes = denoiser.pass(extent).unwrap().plan().dispatches.len();
+            (output, passes)
+        };
+        let (whole, dispatches) = denoised(u64::MAX, None);
+        let sizes: &[u64] = if arch.name == "hybrid" { &[1 << 20, 1 << 22] } else { &[1 << 21] };
+        for bytes in sizes {
+            let (banded, more) = denoised(*bytes, None);
+            assert!(more > dispatches, "{} in bands of {bytes}", arch.name);
+            assert!(banded == whole, "{} in bands of {bytes}", arch.name);
+        }
+        if arch.name != "hybrid" {
+            continue;
+        }
+        let region = Region { x: 70, y: 200, width: 61, height: 90 };
+        let (part, _) = denoised(1 << 20, Some(region));
+        for (i, (part, whole)) in part.iter().zip(&whole).enumerate() {
+            let inside = region.contains(i as u32 / 3 % extent.width, i as u32 / 3 / extent.width);
+            assert_eq!(*part, if inside { *whole } else { -1.0 });
+        }
+    }
+    assert_no_validation_messages();
+}
 
 #[test]
 fn every_form_is_the_reference() {

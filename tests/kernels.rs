@@ -255,7 +255,7 @@ fn layer_norm() {
         let weights = cases.pack(Pack::Norm { norm: "enc.0.0.norm2".into(), channels: base });
         let dst = cases.target((16, 8), base);
         let far = cases.random.values(16 * 8 * base as usize, 100.0, 110.0);
-        let src = View { buffer: cases.filled("far", far), first: 0, stride: base, ..dst };
+        let src = View { buffer: cases.filled("far", far), first: 0, stride: base, top: 0, ..dst };
         cases.add(Call::LayerNorm(LayerNorm { src, dst, weights, tiles: Tiles::All }), dst.buffer);
         cases.check(&format!("layer_norm of multiples of {base}"), KERNEL_LIMIT);
     }

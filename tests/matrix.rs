@@ -4,16 +4,20 @@
 mod common;
 
 use common::case::PREPROCESSING;
-use common::compare::nmse;
+use common::compare::{assert_same_bits, nmse};
 use common::device::{assert_no_validation_messages, device};
 use common::golden::Golden;
 use common::network::{crop, plan_of};
 use common::planes::TestFrame;
+use common::vulkan::Renderer;
 use vkdenoise::metrics::Comparison;
 use vkdenoise::net::{Arch, Weights};
 use vkdenoise::reference::Reference;
 use vkdenoise::testing::denoise_and_read;
-use vkdenoise::{Denoiser, DeviceKind, Error, Extent, Layout, Options, PlaneMut, Precision};
+use vkdenoise::{
+    BufferFrame, BufferPlane, Denoiser, Device, DeviceKind, Error, Extent, Features, Frame, FrameOptions, Layout,
+    Options, Plane, PlaneMut, Precision, RendererDevice, SampleFormat,
+};
 
 /// What rounding factors to halves may cost a whole pass.
 const LEAST_DB: f64 = 60.0;
@@ -115,4 +119,45 @@ fn another_run_has_the_same_bits() {
     let first = run();
     assert!(first.iter().zip(run()).all(|(a, b)| a.to_bits() == b.to_bits()));
     assert_no_validation_messages();
+}
+
+/// The same kernels in a renderer's command buffer; not on a device on which it enabled none.
+#[test]
+fn a_renderers_device_has_matrices_where_it_enabled_them() {
+    if !has_matrices() {
+        return;
+    }
+    let renderer = Renderer::new();
+    // SAFETY: the handles are the renderer's, which lives to the end of the test; the same below.
+    let device = unsafe { Device::from_renderer(renderer.handles()) }.unwrap();
+    let weights = Weights::hybrid().unwrap();
+    let denoiser = Denoiser::new(&device, &weights, &on_matrices()).unwrap();
+    let extent = Extent::new(70, 45);
+    let buffer = renderer.buffer(12 * extent.pixels());
+    let color: Vec<f32> = (0..3 * extent.pixels()).map(|i| (i * 7 % 13) as f32 * 0.1).collect();
+    buffer.write(bytemuck::cast_slice(&color));
+    let rgb = Layout::interleaved(extent, 3);
+    let plane = BufferPlane { buffer: buffer.raw, size: buffer.size, format: SampleFormat::F32, layout: rgb };
+    let frame = BufferFrame { color: plane, albedo: None, normal: None, depth: None, output: plane };
+    let pass = denoiser.pass(extent).unwrap();
+    // SAFETY: the buffer lives to the end of the test.
+    let binding = unsafe { pass.bind_buffers(&frame) }.unwrap();
+    renderer.wait(renderer.submit(|commands| {
+        // SAFETY: everything bound lives until the fence is waited for.
+        unsafe { pass.record(commands, &binding, &FrameOptions::default()) }.unwrap();
+        renderer.barrier_to_host(commands);
+    }));
+    let mut expected = vec![0.0; color.len()];
+    let frame = Frame { extent, color: Plane::f32(&color, rgb), features: Features::default() };
+    let mut on_host = Denoiser::new(common::device::device(), &weights, &on_matrices()).unwrap();
+    on_host.denoise(&frame, PlaneMut::f32(&mut expected, rgb)).unwrap();
+    assert_same_bits(bytemuck::cast_slice(&buffer.read()), &expected, "the renderer's frame");
+
+    let handles = RendererDevice { cooperative_matrix: None, ..renderer.handles() };
+    // SAFETY: as above.
+    let without = unsafe { Device::from_renderer(handles) }.unwrap();
+    assert!(!without.has_matrices());
+    assert!(matches!(Denoiser::new(&without, &weights, &on_matrices()), Err(Error::Unsupported { .. })));
+    drop((binding, pass, denoiser, device, without));
+    renderer.assert_silent();
 }

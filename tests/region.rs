@@ -14,8 +14,10 @@ use vkdenoise::{
     Denoiser, Error, Extent, Features, Frame, Layout, Options, Plane, PlaneMut, Precision, Region, Weights,
 };
 
+/// In one piece: bands compute their borders twice, whichever part is wanted.
 fn hybrid(extent: Extent) -> Plan {
-    plan(&Graph::new(&Arch::hybrid()).unwrap(), extent, &PlanOptions::default()).unwrap()
+    let options = PlanOptions { max_chain_bytes: u64::MAX, ..PlanOptions::default() };
+    plan(&Graph::new(&Arch::hybrid()).unwrap(), extent, &options).unwrap()
 }
 
 fn flops(dispatches: &[vkdenoise::plan::Dispatch]) -> u64 {

@@ -10,7 +10,7 @@ use half::f16;
 use vkdenoise::frame::{Extent, Region};
 use vkdenoise::kernels::frame_io::{InputAux, InputColor, Output};
 use vkdenoise::kernels::stats::{self, Clear, Counted, Histogram, Key, Select, TileMeans};
-use vkdenoise::kernels::{BufferId, Call, PlaneArgs, Tiles, Variants, View};
+use vkdenoise::kernels::{BufferId, Call, PlaneArgs, Storage, Tiles, Variants, View};
 use vkdenoise::net::{Block, Convolution, Weights};
 use vkdenoise::plan::{Buffer, Place};
 use vkdenoise::reference::Reference;
@@ -34,7 +34,7 @@ fn padded(extent: Extent) -> (u32, u32) {
 
 fn view(extent: Extent, buffer: BufferId, first: u32, channels: u32, stride: u32) -> View {
     let (width, height) = padded(extent);
-    View { buffer, first, channels, stride, width, height }
+    View { buffer, first, channels, stride, width, height, top: 0, storage: Storage::F32 }
 }
 
 fn log_color(extent: Extent) -> View {
@@ -67,7 +67,7 @@ fn buffers(extent: Extent) -> Vec<Buffer> {
         ("depth scale", 4),
     ];
     let place = Place::Arena { block: 0, offset: 0 };
-    sizes.map(|(name, bytes)| Buffer { name: name.into(), bytes, place: place.clone() }).into()
+    sizes.map(|(name, bytes)| Buffer { name: name.into(), bytes, storage: Storage::F32, place: place.clone() }).into()
 }
 
 /// No kernel of this file reads weights.

@@ -21,10 +21,6 @@ use std::io::BufRead;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Instant;
-use vkdenoise::net::Arch;
-use vkdenoise::net::graph::Graph;
-use vkdenoise::net::weights::WeightsError;
-use vkdenoise::plan::{PlanOptions, plan};
 use vkdenoise::{
     Denoiser, Device, DeviceSelector, Error, Extent, Features, Frame, Layout, Options, Plane, PlaneMut, Weights,
 };
@@ -58,6 +54,8 @@ enum Command {
         /// Weights instead of the built-in ones.
         #[arg(long)]
         weights: Option<PathBuf>,
+        #[command(flatten)]
+        forms: Forms,
     },
     /// Show where precision goes: every dispatch on the device beside the same in f64.
     Budget(budget_command::BudgetArgs),
@@ -67,12 +65,31 @@ enum Command {
     Stress(stress_command::StressArgs),
     /// Time what is left out: a region, unchanged features, none; in turn with the whole. One JSON object a case.
     Skip(skip_command::SkipArgs),
-    /// Print the device memory that a renderer's pass takes at a size, from the plan. Needs no device.
+    /// Print the device memory that a size takes, from the plan. Nothing is allocated for it.
     Memory {
         /// Frame size.
         #[arg(long, default_value = "1920x1080", value_parser = parse_size)]
         size: Extent,
+        /// Device: an index or part of a name.
+        #[arg(long, env = "VKDENOISE_DEVICE", default_value = "best")]
+        device: DeviceSelector,
+        #[command(flatten)]
+        forms: Forms,
     },
+}
+
+/// Which of several forms the network runs in.
+#[derive(clap::Args)]
+struct Forms {
+    /// MiB that a map between consecutive kernels may take before they run band by band.
+    #[arg(long)]
+    max_chain_mib: Option<u64>,
+}
+
+impl Forms {
+    fn options(&self) -> Options {
+        Options { max_chain_bytes: self.max_chain_mib.map(|mib| mib << 20), ..Options::default() }
+    }
 }
 
 fn parse_size(text: &str) -> Result<Extent, String> {
@@ -82,17 +99,17 @@ fn parse_size(text: &str) -> Result<Extent, String> {
 
 fn main() -> ExitCode {
     let outcome: stress::Result<()> = match Arguments::parse().command {
-        Command::Pass { size, repeat, warm_up, on_request, device, weights } => {
+        Command::Pass { size, repeat, warm_up, on_request, device, weights, forms } => {
             Device::open(&device).map_err(Into::into).and_then(|device| {
                 let weights = weights.map_or_else(Weights::hybrid, |path| Ok(Weights::from_file(path)?))?;
-                Ok(pass(&device, &weights, size, (warm_up, repeat), on_request)?)
+                Ok(pass(&device, &weights, &forms.options(), size, (warm_up, repeat), on_request)?)
             })
         }
         Command::Budget(args) => budget_command::run(&args),
         Command::Pareto(args) => pareto_command::run(&args),
         Command::Stress(args) => stress_command::run(&args),
         Command::Skip(args) => skip_command::run(&args),
-        Command::Memory { size } => memory(size).map_err(Into::into),
+        Command::Memory { size, device, forms } => memory(&device, size, &forms.options()).map_err(Into::into),
     };
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
@@ -103,12 +120,13 @@ fn main() -> ExitCode {
     }
 }
 
-fn memory(extent: Extent) -> Result<(), Error> {
-    let graph = Graph::new(&Arch::hybrid()).map_err(WeightsError::from)?;
-    let plan = plan(&graph, extent, &PlanOptions::default())?;
+fn memory(device: &DeviceSelector, extent: Extent, options: &Options) -> Result<(), Error> {
+    let denoiser = Denoiser::new(&Device::open(device)?, &Weights::hybrid()?, options)?;
+    let needed = denoiser.memory_required(extent)?;
     let line = serde_json::json!({
         "width": extent.width, "height": extent.height,
-        "arena_bytes": plan.blocks.iter().sum::<u64>(), "weights_bytes": plan.weights_bytes,
+        "arena_bytes": needed.arena, "weights_bytes": needed.weights, "staging_bytes": needed.staging,
+        "pass_bytes": needed.pass(), "host_bytes": needed.host(),
     });
     println!("{line}");
     Ok(())
@@ -117,11 +135,12 @@ fn memory(extent: Extent) -> Result<(), Error> {
 fn pass(
     device: &Device,
     weights: &Weights,
+    options: &Options,
     extent: Extent,
     (warm_up, repeat): (u32, u32),
     on_request: bool,
 ) -> Result<(), Error> {
-    let mut denoiser = Denoiser::new(device, weights, &Options::default())?;
+    let mut denoiser = Denoiser::new(device, weights, options)?;
     let pixels = extent.pixels() as usize;
     // Any values do: the work does not depend on them.
     let noise = |i: usize| (i.wrapping_mul(2654435761) >> 16 & 0xffff) as f32 / 65536.0;

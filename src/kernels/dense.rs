@@ -89,8 +89,8 @@ impl Kernel for Conv3x3 {
         dense_texels(&self.src, self.weights, self.film, self.residual.as_ref())
     }
 
-    fn traffic(&self, element: u64) -> Traffic {
-        self.traffic_with((u64::from(self.src.channels) * 9 + 1) * u64::from(self.channels) * 4, element)
+    fn traffic(&self) -> Traffic {
+        self.traffic_with((u64::from(self.src.channels) * 9 + 1) * u64::from(self.channels) * 4)
     }
 }
 
@@ -128,10 +128,10 @@ impl Conv3x3 {
     }
 
     /// Memory that it touches, so many bytes of it weights.
-    pub(super) fn traffic_with(&self, weights: u64, element: u64) -> Traffic {
-        let mut traffic = dense_traffic(&[&self.src], &self.dst, self.weights, weights, element);
+    pub(super) fn traffic_with(&self, weights: u64) -> Traffic {
+        let mut traffic = dense_traffic(&[&self.src], &self.dst, self.weights, weights);
         traffic.reads.extend(self.film.map(|film| (film, u64::from(self.channels) * 8)));
-        traffic.reads.extend(self.residual.map(|r| (r.buffer, r.elements() * element)));
+        traffic.reads.extend(self.residual.map(|r| (r.buffer, r.bytes())));
         traffic
     }
 }
@@ -217,12 +217,12 @@ impl Kernel for Linear {
         ranges
     }
 
-    fn traffic(&self, element: u64) -> Traffic {
+    fn traffic(&self) -> Traffic {
         let weights = u64::from(self.inputs() + 1) * u64::from(self.dst.channels) * 4;
         let sources: Vec<&View> = [Some(&self.src), self.src_b.as_ref()].into_iter().flatten().collect();
-        let mut traffic = dense_traffic(&sources, &self.dst, self.weights, weights, element);
+        let mut traffic = dense_traffic(&sources, &self.dst, self.weights, weights);
         traffic.reads.extend(self.film.map(|film| (film, u64::from(self.dst.channels) * 8)));
-        traffic.reads.extend(self.residual.map(|r| (r.buffer, r.elements() * element)));
+        traffic.reads.extend(self.residual.map(|r| (r.buffer, r.bytes())));
         traffic
     }
 }
@@ -241,8 +241,8 @@ pub(super) fn dense_texels(
     vec![src.into(), weights.into(), film.unwrap_or(weights).into(), residual.unwrap_or(src).into()]
 }
 
-fn dense_traffic(sources: &[&View], dst: &View, weights: BufferId, weight_bytes: u64, element: u64) -> Traffic {
-    let mut reads: Vec<_> = sources.iter().map(|s| (s.buffer, s.elements() * element)).collect();
+fn dense_traffic(sources: &[&View], dst: &View, weights: BufferId, weight_bytes: u64) -> Traffic {
+    let mut reads: Vec<_> = sources.iter().map(|s| (s.buffer, s.bytes())).collect();
     reads.push((weights, weight_bytes));
-    Traffic { reads, writes: vec![(dst.buffer, dst.elements() * element)] }
+    Traffic { reads, writes: vec![(dst.buffer, dst.bytes())] }
 }

@@ -61,11 +61,8 @@ impl Kernel for Expand {
         vec![(&self.src).into()]
     }
 
-    fn traffic(&self, element: u64) -> Traffic {
-        Traffic {
-            reads: vec![(self.src.buffer, self.src.elements() * element)],
-            writes: vec![(self.dst.buffer, self.dst.elements() * element)],
-        }
+    fn traffic(&self) -> Traffic {
+        Traffic { reads: vec![(self.src.buffer, self.src.bytes())], writes: vec![(self.dst.buffer, self.dst.bytes())] }
     }
 }
 

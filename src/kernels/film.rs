@@ -65,10 +65,10 @@ impl Kernel for TokenSum {
         })
     }
 
-    fn traffic(&self, element: u64) -> Traffic {
+    fn traffic(&self) -> Traffic {
         let channels = u64::from(self.src.channels);
         Traffic {
-            reads: vec![(self.src.buffer, self.real_tokens() * channels * element)],
+            reads: vec![(self.src.buffer, self.real_tokens() * channels * self.src.storage.bytes())],
             writes: vec![(self.dst, self.sums() * channels * 4)],
         }
     }
@@ -114,7 +114,7 @@ impl Kernel for FilmVector {
         })
     }
 
-    fn traffic(&self, _element: u64) -> Traffic {
+    fn traffic(&self) -> Traffic {
         let (channels, outputs) = (u64::from(self.channels), u64::from(self.outputs));
         Traffic {
             reads: vec![(self.partials, self.sums * channels * 4), (self.weights, (channels + 1) * outputs * 4)],

@@ -68,11 +68,8 @@ impl Kernel for InputColor {
         true
     }
 
-    fn traffic(&self, element: u64) -> Traffic {
-        Traffic {
-            reads: vec![(self.stats, STATS_FLOATS * 4)],
-            writes: vec![(self.dst.buffer, self.dst.elements() * element)],
-        }
+    fn traffic(&self) -> Traffic {
+        Traffic { reads: vec![(self.stats, STATS_FLOATS * 4)], writes: vec![(self.dst.buffer, self.dst.bytes())] }
     }
 }
 
@@ -133,8 +130,8 @@ impl Kernel for InputAux {
         })
     }
 
-    fn traffic(&self, element: u64) -> Traffic {
-        Traffic { reads: vec![(self.depth_scale, 4)], writes: vec![(self.dst.buffer, self.dst.elements() * element)] }
+    fn traffic(&self) -> Traffic {
+        Traffic { reads: vec![(self.depth_scale, 4)], writes: vec![(self.dst.buffer, self.dst.bytes())] }
     }
 }
 
@@ -199,11 +196,15 @@ impl Kernel for Output {
         true
     }
 
-    fn traffic(&self, element: u64) -> Traffic {
+    fn traffic(&self) -> Traffic {
         let pixels = u64::from(self.width) * u64::from(self.height);
-        let map = pixels * 4 * element;
+        let map = |view: &View| pixels * 4 * view.storage.bytes();
         Traffic {
-            reads: vec![(self.residual.buffer, map), (self.log_color.buffer, map), (self.stats, STATS_FLOATS * 4)],
+            reads: vec![
+                (self.residual.buffer, map(&self.residual)),
+                (self.log_color.buffer, map(&self.log_color)),
+                (self.stats, STATS_FLOATS * 4),
+            ],
             writes: vec![],
         }
     }

@@ -55,8 +55,8 @@ impl Kernel for Depthwise3x3 {
         vec![(&self.src).into(), self.weights.into()]
     }
 
-    fn traffic(&self, element: u64) -> Traffic {
-        map_traffic(&self.src, &self.dst, (self.weights, u64::from(self.dst.channels) * 40), element)
+    fn traffic(&self) -> Traffic {
+        map_traffic(&self.src, &self.dst, (self.weights, u64::from(self.dst.channels) * 40))
     }
 }
 
@@ -103,14 +103,11 @@ impl Kernel for LayerNorm {
         vec![(&self.src).into(), self.weights.into()]
     }
 
-    fn traffic(&self, element: u64) -> Traffic {
-        map_traffic(&self.src, &self.dst, (self.weights, u64::from(self.dst.channels) * 8), element)
+    fn traffic(&self) -> Traffic {
+        map_traffic(&self.src, &self.dst, (self.weights, u64::from(self.dst.channels) * 8))
     }
 }
 
-fn map_traffic(src: &View, dst: &View, weights: (BufferId, u64), element: u64) -> Traffic {
-    Traffic {
-        reads: vec![(src.buffer, src.elements() * element), weights],
-        writes: vec![(dst.buffer, dst.elements() * element)],
-    }
+fn map_traffic(src: &View, dst: &View, weights: (BufferId, u64)) -> Traffic {
+    Traffic { reads: vec![(src.buffer, src.bytes()), weights], writes: vec![(dst.buffer, dst.bytes())] }
 }

@@ -32,8 +32,29 @@ pub const MAX_GROUPS_X: u32 = 65535;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, PartialOrd, Ord)]
 pub struct BufferId(pub usize);
 
-/// Channels `first..first + channels` of a map of `width` x `height` tokens, rows of `stride` channels per token.
-/// `first`, `channels` and `stride` are multiples of four; channels beyond the network's own are zero.
+/// How the elements of a map lie in memory. Arithmetic is in 32-bit floats throughout.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Storage {
+    /// 32-bit floats.
+    #[default]
+    F32,
+    /// 16-bit floats.
+    F16,
+}
+
+impl Storage {
+    /// Bytes of an element.
+    pub const fn bytes(self) -> u64 {
+        match self {
+            Self::F32 => 4,
+            Self::F16 => 2,
+        }
+    }
+}
+
+/// Channels `first..first + channels` of `height` rows of a map, from row `top` on; rows of `width` tokens, `stride` channels
+/// per token. `first`, `channels` and `stride` are multiples of four, `top` one of [`TILE`]; channels beyond the network's
+/// own are zero.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct View {
     /// Where the map lies.
@@ -48,6 +69,10 @@ pub struct View {
     pub width: u32,
     /// Tokens in y, a multiple of [`TILE`].
     pub height: u32,
+    /// The map's row that is the view's first.
+    pub top: u32,
+    /// How the elements are stored.
+    pub storage: Storage,
 }
 
 impl View {
@@ -59,6 +84,17 @@ impl View {
     /// Elements that the view covers.
     pub fn elements(&self) -> u64 {
         self.tokens() * u64::from(self.channels)
+    }
+
+    /// Bytes that the view covers.
+    pub fn bytes(&self) -> u64 {
+        self.elements() * self.storage.bytes()
+    }
+
+    /// Bytes from the buffer's start to the view's first element.
+    pub fn offset(&self) -> u64 {
+        let above = u64::from(self.top) * u64::from(self.width) * u64::from(self.stride);
+        (above + u64::from(self.first)) * self.storage.bytes()
     }
 }
 
@@ -104,8 +140,6 @@ pub struct FrameArgs {
 pub struct Addresses<'a> {
     /// Device address of a plan's buffer.
     pub buffer: &'a dyn Fn(BufferId) -> u64,
-    /// Bytes of one activation.
-    pub element_bytes: u64,
     /// The frame.
     pub frame: FrameArgs,
 }
@@ -116,7 +150,7 @@ impl Addresses<'_> {
     }
 
     fn view(&self, view: &View) -> u64 {
-        self.of(view.buffer) + u64::from(view.first) * self.element_bytes
+        self.of(view.buffer) + view.offset()
     }
 
     fn view_or_null(&self, view: Option<&View>) -> u64 {
@@ -147,24 +181,26 @@ impl Traffic {
     }
 }
 
-/// Activations of a plan's buffer from `first` on, as a kernel reads them through a texel buffer.
+/// What a kernel reads of a plan's buffer through a texel buffer: from `offset` to the buffer's end, four elements a texel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TexelRange {
     /// The buffer.
     pub buffer: BufferId,
-    /// First element, a multiple of four.
-    pub first: u32,
+    /// Bytes from the buffer's start, a multiple of a texel.
+    pub offset: u64,
+    /// Type of the elements.
+    pub storage: Storage,
 }
 
 impl From<&View> for TexelRange {
     fn from(view: &View) -> Self {
-        Self { buffer: view.buffer, first: view.first }
+        Self { buffer: view.buffer, offset: view.offset(), storage: view.storage }
     }
 }
 
 impl From<BufferId> for TexelRange {
     fn from(buffer: BufferId) -> Self {
-        Self { buffer, first: 0 }
+        Self { buffer, offset: 0, storage: Storage::F32 }
     }
 }
 
@@ -219,8 +255,8 @@ pub trait Kernel {
     fn reads_color(&self) -> bool {
         false
     }
-    /// Memory that it touches. `element` is the size of an activation in bytes.
-    fn traffic(&self, element: u64) -> Traffic;
+    /// Memory that it touches.
+    fn traffic(&self) -> Traffic;
 }
 
 /// One kernel with its arguments.
@@ -284,6 +320,23 @@ impl Call {
             Self::InputColor(k) => of(&k.tiles, &k.dst),
             Self::InputAux(k) => of(&k.tiles, &k.dst),
             Self::Output(k) => Some((k.tiles, k.width, k.height)),
+            _ => None,
+        }
+    }
+
+    /// The map that it writes; `None` for kernels that write none.
+    pub fn result(&self) -> Option<&View> {
+        match self {
+            Self::Conv3x3(k) => Some(&k.dst),
+            Self::Winograd3x3(k) => Some(&k.conv.dst),
+            Self::Separable3x3(k) => Some(&k.pointwise.dst),
+            Self::Linear(k) => Some(&k.dst),
+            Self::Depthwise3x3(k) => Some(&k.dst),
+            Self::LayerNorm(k) => Some(&k.dst),
+            Self::WindowAttention(k) => Some(&k.dst),
+            Self::InputColor(k) => Some(&k.dst),
+            Self::InputAux(k) => Some(&k.dst),
+            Self::Expand(k) => Some(&k.dst),
             _ => None,
         }
     }

@@ -59,8 +59,8 @@ impl Kernel for Separable3x3 {
         ranges
     }
 
-    fn traffic(&self, element: u64) -> Traffic {
-        let mut traffic = Linear { src: self.depthwise.src, ..self.pointwise.clone() }.traffic(element);
+    fn traffic(&self) -> Traffic {
+        let mut traffic = Linear { src: self.depthwise.src, ..self.pointwise.clone() }.traffic();
         traffic.reads.push((self.depthwise.weights, u64::from(self.depthwise.src.channels) * 40));
         traffic
     }

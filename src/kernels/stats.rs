@@ -58,7 +58,7 @@ impl Kernel for Clear {
         PushBytes::new(&StatsClearPush { histogram: at.of(self.histogram), count: BINS, unused: 0 })
     }
 
-    fn traffic(&self, _: u64) -> Traffic {
+    fn traffic(&self) -> Traffic {
         Traffic { reads: vec![], writes: vec![(self.histogram, HISTOGRAM_BYTES)] }
     }
 }
@@ -110,7 +110,7 @@ impl Kernel for Histogram {
         self.counted == Counted::Luminance
     }
 
-    fn traffic(&self, _: u64) -> Traffic {
+    fn traffic(&self) -> Traffic {
         let all = (self.histogram, HISTOGRAM_BYTES);
         Traffic { reads: vec![all], writes: vec![all] }
     }
@@ -145,7 +145,7 @@ impl Kernel for Select {
         })
     }
 
-    fn traffic(&self, _: u64) -> Traffic {
+    fn traffic(&self) -> Traffic {
         Traffic { reads: vec![(self.histogram, HISTOGRAM_BYTES)], writes: vec![(self.dst, 4)] }
     }
 }
@@ -201,7 +201,7 @@ impl Kernel for TileMeans {
         true
     }
 
-    fn traffic(&self, _: u64) -> Traffic {
+    fn traffic(&self) -> Traffic {
         Traffic { reads: vec![(self.stats, 4)], writes: vec![(self.dst, u64::from(self.tiles()) * 4)] }
     }
 }
@@ -239,7 +239,7 @@ impl Kernel for Key {
         true
     }
 
-    fn traffic(&self, _: u64) -> Traffic {
+    fn traffic(&self) -> Traffic {
         Traffic { reads: vec![(self.src, u64::from(self.tiles) * 4), (self.stats, 4)], writes: vec![(self.stats, 8)] }
     }
 }

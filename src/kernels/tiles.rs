@@ -45,6 +45,16 @@ impl TokenRect {
         }
     }
 
+    /// What lies in both.
+    pub fn common(&self, other: &Self) -> Self {
+        Self {
+            left: self.left.max(other.left),
+            top: self.top.max(other.top),
+            right: self.right.min(other.right),
+            bottom: self.bottom.min(other.bottom),
+        }
+    }
+
     /// What of it lies in a map.
     pub fn within(&self, width: u32, height: u32) -> Self {
         Self { right: self.right.min(width), bottom: self.bottom.min(height), ..*self }

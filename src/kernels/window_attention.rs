@@ -60,14 +60,14 @@ impl Kernel for WindowAttention {
         vec![(&self.x).into(), (&self.f).into()]
     }
 
-    fn traffic(&self, element: u64) -> Traffic {
+    fn traffic(&self) -> Traffic {
         Traffic {
             reads: vec![
-                (self.x.buffer, self.x.elements() * element),
-                (self.f.buffer, self.f.elements() * element),
+                (self.x.buffer, self.x.bytes()),
+                (self.f.buffer, self.f.bytes()),
                 (self.bias, u64::from(self.heads) * 900),
             ],
-            writes: vec![(self.dst.buffer, self.dst.elements() * element)],
+            writes: vec![(self.dst.buffer, self.dst.bytes())],
         }
     }
 }

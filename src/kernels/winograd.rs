@@ -68,9 +68,9 @@ impl Kernel for Winograd3x3 {
         self.conv.texels()
     }
 
-    fn traffic(&self, element: u64) -> Traffic {
+    fn traffic(&self) -> Traffic {
         let points = u64::from(self.tile.inputs().pow(2));
         let weights = (u64::from(self.conv.src.channels) * points + 1) * u64::from(self.conv.channels) * 4;
-        self.conv.traffic_with(weights, element)
+        self.conv.traffic_with(weights)
     }
 }

@@ -20,7 +20,12 @@ pub struct PlanOptions {
     pub conv: ConvAlgorithm,
     /// How depthwise and pointwise convolutions that belong together are.
     pub separable: SeparableForm,
+    /// Bytes that a map between consecutive operations may take; where it would take more, they run band by band of the frame.
+    pub max_chain_bytes: u64,
 }
+
+/// [`PlanOptions::max_chain_bytes`] where nothing is said: wide maps of up to 1024x1024 pixels in whole.
+pub const MAX_CHAIN_BYTES: u64 = 128 << 20;
 
 impl Default for PlanOptions {
     /// No limit on memory, buffers share it; direct convolutions, two kernels.
@@ -31,6 +36,7 @@ impl Default for PlanOptions {
             keep_features: false,
             conv: ConvAlgorithm::default(),
             separable: SeparableForm::default(),
+            max_chain_bytes: MAX_CHAIN_BYTES,
         }
     }
 }

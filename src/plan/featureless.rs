@@ -2,7 +2,7 @@
 //! the same at every token, but for the borders, where convolutions read zeros. It is enough to compute a small frame's and
 //! to repeat its middle.
 
-use super::{Buffer, Dispatch, ELEMENT_BYTES, Place};
+use super::{Buffer, Dispatch, Place};
 use crate::frame::Extent;
 use crate::kernels::dense::Conv3x3;
 use crate::kernels::expand::Expand;
@@ -22,7 +22,7 @@ pub enum For {
 
 /// Adds to the dispatches of a frame those of one without features, of which some stand for some of the others. The
 /// dispatches are those of a frame padded to `padded`, a multiple of `multiple`, and know which of them depend on features
-/// alone. New buffers are appended.
+/// alone. New buffers are appended. Frames whose features are computed band by band take the long way.
 pub fn merge(
     dispatches: Vec<Dispatch>,
     buffers: &mut Vec<Buffer>,
@@ -31,7 +31,7 @@ pub fn merge(
 ) -> Vec<(Dispatch, For)> {
     let chain = chain(&dispatches);
     let small = small_size(&dispatches, &chain, padded, multiple);
-    let Some(small) = small.filter(|_| is_complete(&dispatches, &chain)) else {
+    let Some(small) = small.filter(|_| is_complete(&dispatches, &chain, padded)) else {
         return dispatches.into_iter().map(|dispatch| (dispatch, For::Every)).collect();
     };
     let mut maker = Maker { padded, small, buffers, copies: HashMap::new() };
@@ -85,11 +85,12 @@ fn chain(dispatches: &[Dispatch]) -> Vec<bool> {
     chain
 }
 
-/// Whether every map that the chain reads is one that it writes.
-fn is_complete(dispatches: &[Dispatch], chain: &[bool]) -> bool {
+/// Whether the chain works on whole maps, and every one that it reads is one that it writes.
+fn is_complete(dispatches: &[Dispatch], chain: &[bool], padded: Extent) -> bool {
     let parts = || dispatches.iter().zip(chain).filter(|(_, part)| **part).flat_map(|(d, _)| views(&d.call));
     let written: HashSet<BufferId> = parts().filter(|(_, written)| *written).map(|(view, _)| view.buffer).collect();
-    parts().all(|(view, _)| written.contains(&view.buffer))
+    let is_whole = |view: &View| view.top == 0 && padded.width / view.width == padded.height / view.height;
+    parts().all(|(view, _)| is_whole(&view) && written.contains(&view.buffer))
 }
 
 /// The least frame whose maps all have a half tile in the middle that no border reaches; `None` where it is no smaller.
@@ -143,8 +144,9 @@ impl Maker<'_> {
         let height = self.small.height / (self.padded.height / view.height);
         let buffer = *self.copies.entry(view.buffer).or_insert_with(|| {
             let name = format!("{}.small", self.buffers[view.buffer.0].name);
-            let bytes = u64::from(width) * u64::from(height) * u64::from(view.stride) * ELEMENT_BYTES;
-            self.buffers.push(Buffer { name, bytes, place: Place::Arena { block: 0, offset: 0 } });
+            let bytes = u64::from(width) * u64::from(height) * u64::from(view.stride) * view.storage.bytes();
+            let place = Place::Arena { block: 0, offset: 0 };
+            self.buffers.push(Buffer { name, bytes, storage: view.storage, place });
             BufferId(self.buffers.len() - 1)
         });
         View { buffer, width, height, ..*view }

@@ -1,17 +1,17 @@
 //! From graph and size to dispatches.
 
 use super::arena::{self, Request};
-use super::choices::{PlanOptions, SeparableForm, conv_pack, fuse, is_separable};
+use super::bands::Band;
+use super::choices::PlanOptions;
 use super::featureless::{self, For};
-use super::pack::{Pack, linear_outputs};
-use super::{Buffer, Dispatch, ELEMENT_BYTES, Place, Plan, features, hazards};
+use super::pack::Pack;
+use super::{Buffer, Dispatch, Place, Plan, features, hazards};
 use crate::error::{Error, Result};
 use crate::frame::{Extent, Region};
 use crate::kernels::stats::Counted;
-use crate::kernels::winograd::Winograd3x3;
-use crate::kernels::{BufferId, Call, Tiles, View, dense, film, frame_io, maps, stats, window_attention};
+use crate::kernels::{BufferId, Call, Storage, Tiles, View, frame_io, stats};
 use crate::net::cost::op_flops;
-use crate::net::graph::{Graph, Op, OpKind, Shape, Slice, Stage, ValueId, conv_outputs};
+use crate::net::graph::{Graph, Op, Shape, Slice, Stage, ValueId};
 use std::collections::HashMap;
 
 /// Pixels on a side that coordinates of tiles (16 bits) and strides (32 bits) hold with room to spare.
@@ -59,23 +59,25 @@ fn map_too_large(extent: Extent, bytes: u64, options: &PlanOptions) -> Error {
 }
 
 /// A mean that the next kernel finishes: partial sums.
-struct Partials {
-    buffer: BufferId,
-    sums: u64,
-    tokens: u64,
+pub(super) struct Partials {
+    pub buffer: BufferId,
+    pub sums: u64,
+    pub tokens: u64,
 }
 
-struct Lowering<'a> {
-    graph: &'a Graph,
-    options: &'a PlanOptions,
-    extent: Extent,
-    padded: Extent,
+pub(super) struct Lowering<'a> {
+    pub graph: &'a Graph,
+    pub options: &'a PlanOptions,
+    pub extent: Extent,
+    pub padded: Extent,
     buffers: Vec<Buffer>,
     dispatches: Vec<Dispatch>,
+    /// The band that operations are lowered for, where a chain of them runs band by band.
+    pub band: Option<Band>,
     /// Buffer of every value that has one.
     values: HashMap<ValueId, BufferId>,
     packs: HashMap<Pack, BufferId>,
-    partials: HashMap<ValueId, Partials>,
+    pub partials: HashMap<ValueId, Partials>,
     stats: BufferId,
     weights_bytes: u64,
 }
@@ -89,58 +91,72 @@ impl<'a> Lowering<'a> {
             padded,
             buffers: Vec::new(),
             dispatches: Vec::new(),
+            band: None,
             values: HashMap::new(),
             packs: HashMap::new(),
             partials: HashMap::new(),
             stats: BufferId(0),
             weights_bytes: 0,
         };
-        lowering.stats = lowering.scratch("stats", stats::STATS_FLOATS * 4);
+        lowering.stats = lowering.scratch("stats", stats::STATS_FLOATS * 4, Storage::F32);
         lowering
     }
 
-    fn scratch(&mut self, name: &str, bytes: u64) -> BufferId {
+    pub(super) fn scratch(&mut self, name: &str, bytes: u64, storage: Storage) -> BufferId {
         // Placed when all lifetimes are known.
         let place = Place::Arena { block: 0, offset: 0 };
-        self.buffers.push(Buffer { name: name.to_owned(), bytes, place });
+        self.buffers.push(Buffer { name: name.to_owned(), bytes, storage, place });
         BufferId(self.buffers.len() - 1)
     }
 
-    fn pack(&mut self, name: &str, pack: Pack) -> BufferId {
+    pub(super) fn pack(&mut self, name: &str, pack: Pack) -> BufferId {
         if let Some(&id) = self.packs.get(&pack) {
             return id;
         }
         let bytes = pack.len() as u64 * 4;
         let place = Place::Weights { pack: pack.clone(), offset: self.weights_bytes };
         self.weights_bytes += bytes.next_multiple_of(256);
-        self.buffers.push(Buffer { name: name.to_owned(), bytes, place });
+        self.buffers.push(Buffer { name: name.to_owned(), bytes, storage: Storage::F32, place });
         let id = BufferId(self.buffers.len() - 1);
         self.packs.insert(pack, id);
         id
     }
 
-    fn value(&mut self, id: ValueId) -> BufferId {
-        if let Some(&buffer) = self.values.get(&id) {
+    /// The buffer of a value; within a band, the band's own where the value lives no longer than that.
+    pub(super) fn value(&mut self, id: ValueId) -> BufferId {
+        let local = self.band.as_ref().is_some_and(|band| band.is_local(id));
+        let known = if local { self.band.as_ref().and_then(|band| band.values.get(&id)) } else { self.values.get(&id) };
+        if let Some(&buffer) = known {
             return buffer;
         }
         let value = self.graph.value(id);
-        let elements = match value.shape {
+        let bytes = match value.shape {
             Shape::Map { stride, channels } => {
-                let tokens = u64::from(self.padded.width / stride) * u64::from(self.padded.height / stride);
-                tokens * u64::from(channels.next_multiple_of(4)) * ELEMENT_BYTES
+                let height = self.band.as_ref().filter(|_| local).map_or(self.padded.height, Band::height);
+                let tokens = u64::from(self.padded.width / stride) * u64::from(height / stride);
+                tokens * u64::from(channels.next_multiple_of(4)) * Storage::F32.bytes()
             }
             Shape::Vector { len } => u64::from(len) * 4,
         };
-        let buffer = self.scratch(&value.name, elements);
-        self.values.insert(id, buffer);
+        let buffer = self.scratch(&value.name, bytes, Storage::F32);
+        match self.band.as_mut().filter(|_| local) {
+            Some(band) => band.values.insert(id, buffer),
+            None => self.values.insert(id, buffer),
+        };
         buffer
     }
 
-    fn view(&mut self, slice: Slice) -> View {
+    /// A map's channels; within a band, the band's rows of it.
+    pub(super) fn view(&mut self, slice: Slice) -> View {
         let buffer = self.value(slice.value);
         let (stride, channels) = match self.graph.value(slice.value).shape {
             Shape::Map { stride, channels } => (stride, channels),
             Shape::Vector { len } => (1, len),
+        };
+        let (top, height) = match &self.band {
+            Some(band) if band.is_local(slice.value) => (0, band.height()),
+            Some(band) => (band.top, band.height()),
+            None => (0, self.padded.height),
         };
         View {
             buffer,
@@ -148,16 +164,18 @@ impl<'a> Lowering<'a> {
             channels: slice.channels.next_multiple_of(4),
             stride: channels.next_multiple_of(4),
             width: self.padded.width / stride,
-            height: self.padded.height / stride,
+            height: height / stride,
+            top: top / stride,
+            storage: Storage::F32,
         }
     }
 
-    fn whole(&mut self, id: ValueId) -> View {
+    pub(super) fn whole(&mut self, id: ValueId) -> View {
         let slice = self.graph.whole(id);
         self.view(slice)
     }
 
-    fn push(&mut self, name: &str, stage: Stage, flops: u64, call: Call) {
+    pub(super) fn push(&mut self, name: &str, stage: Stage, flops: u64, call: Call) {
         self.dispatches.push(Dispatch {
             name: name.to_owned(),
             stage,
@@ -174,11 +192,11 @@ impl<'a> Lowering<'a> {
     fn frame_in(&mut self) {
         let Extent { width, height } = self.extent;
         let stats = self.stats;
-        let luminances = self.scratch("stats.luminances", stats::HISTOGRAM_BYTES);
-        let depths = self.scratch("stats.depths", stats::HISTOGRAM_BYTES);
-        let depth_scale = self.scratch("stats.depth_scale", 4);
+        let luminances = self.scratch("stats.luminances", stats::HISTOGRAM_BYTES, Storage::F32);
+        let depths = self.scratch("stats.depths", stats::HISTOGRAM_BYTES, Storage::F32);
+        let depth_scale = self.scratch("stats.depth_scale", 4, Storage::F32);
         let mut tiles = stats::TileMeans { stats, dst: stats, width, height };
-        tiles.dst = self.scratch("stats.tiles", u64::from(tiles.tiles()) * 4);
+        tiles.dst = self.scratch("stats.tiles", u64::from(tiles.tiles()) * 4, Storage::F32);
         let key = stats::Key { src: tiles.dst, tiles: tiles.tiles(), stats };
         let color = self.whole(self.graph.color);
         let aux = self.whole(self.graph.aux);
@@ -224,143 +242,14 @@ impl<'a> Lowering<'a> {
     }
 
     fn ops(&mut self) {
-        let graph = self.graph;
-        let fused = self.options.separable == SeparableForm::Fused;
         let mut at = 0;
-        while let Some(op) = graph.ops.get(at) {
-            let call = self.op(op);
-            let flops = self.flops(op);
-            match graph.ops.get(at + 1).filter(|_| fused && is_separable(graph, at)) {
-                Some(next) => {
-                    let (call, flops) = (fuse(call, self.op(next)), flops + self.flops(next));
-                    self.push(&next.name, next.stage, flops, call);
-                    at += 2;
-                }
-                None => {
-                    self.push(&op.name, op.stage, flops, call);
-                    at += 1;
-                }
-            }
+        while at < self.graph.ops.len() {
+            at += self.chain(at);
         }
     }
 
-    fn flops(&self, op: &Op) -> u64 {
+    pub(super) fn flops(&self, op: &Op) -> u64 {
         op_flops(self.graph, op, self.padded.width, self.padded.height).total()
-    }
-
-    /// The kernel of an operation. Kernels that must run before it are pushed.
-    fn op(&mut self, op: &Op) -> Call {
-        match &op.kind {
-            OpKind::Conv3x3 { input, weight, bias, stride, activation, shuffle, film, residual, output } => {
-                let channels = conv_outputs(*shuffle, *output);
-                let tile = self.options.conv.tile(*stride, channels);
-                let pack = conv_pack(weight, *bias, (input.channels, channels), *shuffle, tile);
-                let conv = dense::Conv3x3 {
-                    src: self.view(*input),
-                    dst: self.view(*output),
-                    channels: channels.next_multiple_of(4),
-                    weights: self.pack(weight, pack),
-                    film: film.map(|film| self.value(film)),
-                    residual: residual.map(|residual| self.view(residual)),
-                    stride: *stride,
-                    activation: *activation,
-                    shuffle: *shuffle,
-                    tiles: Tiles::All,
-                };
-                match tile {
-                    Some(tile) => Call::Winograd3x3(Winograd3x3 { conv, tile }),
-                    None => Call::Conv3x3(conv),
-                }
-            }
-            OpKind::Linear { inputs, weight, activation, film, residual, output } => {
-                debug_assert_eq!(linear_outputs(weight), output.channels, "{}", op.name);
-                let views: Vec<View> = inputs.iter().map(|input| self.view(*input)).collect();
-                Call::Linear(dense::Linear {
-                    src: views[0],
-                    src_b: views.get(1).copied(),
-                    dst: self.view(*output),
-                    weights: self.pack(&op.name, Pack::Linear(weight.clone())),
-                    film: film.map(|film| self.value(film)),
-                    residual: residual.map(|residual| self.view(residual)),
-                    activation: *activation,
-                    tiles: Tiles::All,
-                })
-            }
-            OpKind::Depthwise3x3 { input, weight, activation, output } => {
-                let pack = Pack::Depthwise { weight: weight.clone(), channels: input.channels };
-                Call::Depthwise3x3(maps::Depthwise3x3 {
-                    src: self.view(*input),
-                    dst: self.whole(*output),
-                    weights: self.pack(weight, pack),
-                    activation: *activation,
-                    tiles: Tiles::All,
-                })
-            }
-            OpKind::LayerNorm { input, norm, output } => {
-                let dst = self.whole(*output);
-                self.layer_norm(*input, norm, dst)
-            }
-            OpKind::WindowAttention { x, f, bias_table, heads, key_width, value_width, output } => {
-                let pack = Pack::BiasTable { table: bias_table.clone(), heads: *heads };
-                Call::WindowAttention(window_attention::WindowAttention {
-                    x: self.whole(*x),
-                    f: self.whole(*f),
-                    bias: self.pack(bias_table, pack),
-                    dst: self.whole(*output),
-                    heads: *heads,
-                    key_width: *key_width,
-                    value_width: *value_width,
-                    tiles: Tiles::All,
-                })
-            }
-            OpKind::FilmMean { input, norm, output } => {
-                // Normed in a map of its own, then summed.
-                let source = self.view(*input);
-                let bytes = source.elements() * ELEMENT_BYTES;
-                let normed = View {
-                    buffer: self.scratch(&format!("{}.normed", op.name), bytes),
-                    first: 0,
-                    stride: source.channels,
-                    ..source
-                };
-                let norm = self.layer_norm(*input, norm, normed);
-                self.push(&op.name, op.stage, 0, norm);
-                let stride = self.padded.width / source.width;
-                let mut sum = film::TokenSum {
-                    src: normed,
-                    real_width: self.extent.width.div_ceil(stride),
-                    real_height: self.extent.height.div_ceil(stride),
-                    dst: normed.buffer,
-                };
-                let bytes = sum.sums() * u64::from(source.channels) * 4;
-                sum.dst = self.scratch(&format!("{}.partials", op.name), bytes);
-                let partials = Partials { buffer: sum.dst, sums: sum.sums(), tokens: sum.real_tokens() };
-                self.partials.insert(*output, partials);
-                Call::TokenSum(sum)
-            }
-            OpKind::FilmVector { input, weight, output } => {
-                let inputs = self.graph.whole(*input).channels;
-                let outputs = self.graph.whole(*output).channels;
-                let weights = self.pack(weight, Pack::FilmVector { weight: weight.clone(), inputs, outputs });
-                let dst = self.value(*output);
-                let partials = &self.partials[input];
-                Call::FilmVector(film::FilmVector {
-                    partials: partials.buffer,
-                    sums: partials.sums,
-                    tokens: partials.tokens,
-                    channels: inputs,
-                    weights,
-                    dst,
-                    outputs,
-                })
-            }
-        }
-    }
-
-    fn layer_norm(&mut self, input: Slice, norm: &str, dst: View) -> Call {
-        let pack = Pack::Norm { norm: norm.to_owned(), channels: input.channels };
-        let weights = self.pack(norm, pack);
-        Call::LayerNorm(maps::LayerNorm { src: self.view(input), dst, weights, tiles: Tiles::All })
     }
 
     /// Places the buffers, those of `kept` for all the time, and finds the barriers. Fails with the size of a buffer that no

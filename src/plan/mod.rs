@@ -2,21 +2,23 @@
 //! costed, recorded, and computed again on the CPU in f64 from the same list.
 
 mod arena;
+mod bands;
 mod choices;
 mod featureless;
 mod features;
 mod hazards;
 mod lower;
+mod ops;
 pub mod pack;
 mod region;
 mod winograd;
 
 use crate::frame::Extent;
-use crate::kernels::{BufferId, Call, Traffic, View};
+use crate::kernels::{BufferId, Call, Storage, Traffic, View};
 use crate::net::graph::Stage;
 use pack::Pack;
 
-pub use choices::{ConvAlgorithm, PlanOptions, SeparableForm};
+pub use choices::{ConvAlgorithm, MAX_CHAIN_BYTES, PlanOptions, SeparableForm};
 pub use lower::{plan, plan_part};
 
 /// Where a buffer of the plan lies.
@@ -45,6 +47,8 @@ pub struct Buffer {
     pub name: String,
     /// Size in bytes.
     pub bytes: u64,
+    /// Type of its elements.
+    pub storage: Storage,
     /// Where it lies.
     pub place: Place,
 }
@@ -73,7 +77,7 @@ pub struct Dispatch {
 impl Dispatch {
     /// Memory that it touches.
     pub fn traffic(&self) -> Traffic {
-        self.call.kernel().traffic(ELEMENT_BYTES)
+        self.call.kernel().traffic()
     }
 
     /// Leaves it out.
@@ -109,9 +113,6 @@ pub(crate) fn skip_depth(dispatches: &mut [Dispatch]) {
 pub(crate) fn skip_features(dispatches: &mut [Dispatch]) {
     dispatches.iter_mut().filter(|dispatch| dispatch.of_features).for_each(Dispatch::skip);
 }
-
-/// Bytes of one activation: 32-bit floats.
-pub const ELEMENT_BYTES: u64 = 4;
 
 /// A forward pass.
 #[derive(Clone, Debug, PartialEq)]

@@ -11,6 +11,7 @@
 use super::{Dispatch, Plan};
 use crate::frame::Region;
 use crate::kernels::dense::Conv3x3;
+use crate::kernels::frame_io::Output;
 use crate::kernels::winograd::Winograd3x3;
 use crate::kernels::{BufferId, Call, Shuffle, TILE, TileRect, Tiles, TokenRect, View};
 use std::collections::HashMap;
@@ -32,7 +33,10 @@ impl Plan {
             if self.keeps_features && dispatch.of_features {
                 continue;
             }
-            restrict(&mut dispatch.call, region, &mut needed);
+            match &mut dispatch.call {
+                Call::Output(output) => restrict_output(output, region, &mut needed),
+                call => restrict(call, &mut needed),
+            }
             if let Some((tiles, width, height)) = dispatch.call.tiles() {
                 let all = u64::from(Tiles::All.count(width, height)).max(1);
                 let count = tiles.count(width, height);
@@ -50,20 +54,23 @@ impl Plan {
 struct Needed(HashMap<BufferId, TokenRect>);
 
 impl Needed {
+    /// In tokens of the view.
     fn of(&self, view: &View) -> TokenRect {
-        self.0.get(&view.buffer).copied().unwrap_or_default()
+        let rect = self.0.get(&view.buffer).copied().unwrap_or_default();
+        let row = |row: u32| row.saturating_sub(view.top).min(view.height);
+        TokenRect { top: row(rect.top), bottom: row(rect.bottom), ..rect }
     }
 
-    /// What a kernel over `view` must compute of it, and the tiles that do.
-    fn tiles(&self, view: &View) -> (TokenRect, Tiles) {
-        let rect = self.of(view);
-        (rect, cover(rect, view.width, view.height))
+    /// Narrows the tiles of a kernel over `view` to what is needed of it.
+    fn narrow(&self, view: &View, tiles: &mut Tiles) -> TokenRect {
+        narrow(tiles, self.of(view), view.width, view.height)
     }
 
-    /// Adds tokens of a map, as far as they lie in it.
+    /// Adds tokens of a view, as far as they lie in it.
     fn add(&mut self, view: &View, rect: TokenRect) {
+        let rect = rect.within(view.width, view.height);
         let known = self.0.entry(view.buffer).or_default();
-        *known = known.and(&rect.within(view.width, view.height));
+        *known = known.and(&TokenRect { top: rect.top + view.top, bottom: rect.bottom + view.top, ..rect });
     }
 
     fn add_all(&mut self, view: &View) {
@@ -82,43 +89,65 @@ impl Needed {
     }
 }
 
+/// Narrows tiles to those that cover `rect`, as far as they did before; returns the tokens that are left to compute.
+fn narrow(tiles: &mut Tiles, rect: TokenRect, width: u32, height: u32) -> TokenRect {
+    let rect = match tiles {
+        // A band's.
+        Tiles::Rect(own) => rect.common(&own.tokens()),
+        _ => rect,
+    };
+    *tiles = cover(rect, width, height);
+    rect
+}
+
+/// Restricts calls that run one after the other to what the last one needs for the pixel rows `first..end` of the frame.
+/// The views are of the frame's rows from `top` to `bottom`.
+pub(super) fn restrict_chain(calls: &mut [&mut Call], (top, bottom): (u32, u32), (first, end): (u32, u32)) {
+    let mut needed = Needed::default();
+    if let Some(view) = calls.last().and_then(|call| call.result()) {
+        let row = |row: u32| (row - top) * view.height / (bottom - top);
+        needed.add(view, TokenRect { left: 0, top: row(first), right: view.width, bottom: row(end) });
+    }
+    for call in calls.iter_mut().rev() {
+        restrict(call, &mut needed);
+    }
+}
+
 fn cover(rect: TokenRect, width: u32, height: u32) -> Tiles {
     Tiles::Rect(TileRect::covering(rect, width, height))
 }
 
+/// Restricts the last kernel to the pixels that are wanted.
+fn restrict_output(output: &mut Output, region: Region, needed: &mut Needed) {
+    let rect = TokenRect { left: region.x, top: region.y, right: region.right(), bottom: region.bottom() };
+    (output.tiles, output.region) = (cover(rect, output.residual.width, output.residual.height), region);
+    needed.add(&output.residual, rect);
+    needed.add(&output.log_color, rect);
+}
+
 /// Restricts a call to what is needed of its result, and adds what it needs itself.
-fn restrict(call: &mut Call, region: Region, needed: &mut Needed) {
+fn restrict(call: &mut Call, needed: &mut Needed) {
     match call {
-        Call::Output(output) => {
-            let rect = TokenRect { left: region.x, top: region.y, right: region.right(), bottom: region.bottom() };
-            (output.tiles, output.region) = (cover(rect, output.residual.width, output.residual.height), region);
-            needed.add(&output.residual, rect);
-            needed.add(&output.log_color, rect);
-        }
         Call::Conv3x3(conv) => restrict_conv(conv, 1, needed),
         // A result of a Winograd tile has rounding errors of everything that the tile reads.
         Call::Winograd3x3(Winograd3x3 { conv, tile }) => restrict_conv(conv, tile.outputs(), needed),
         Call::Separable3x3(separable) => {
-            let (rect, tiles) = needed.tiles(&separable.pointwise.dst);
-            separable.pointwise.tiles = tiles;
+            let rect = needed.narrow(&separable.pointwise.dst, &mut separable.pointwise.tiles);
             needed.add_around(&separable.depthwise.src, rect, 1);
             separable.pointwise.residual.iter().for_each(|residual| needed.add(residual, rect));
         }
         Call::Linear(linear) => {
-            let (rect, tiles) = needed.tiles(&linear.dst);
-            linear.tiles = tiles;
+            let rect = needed.narrow(&linear.dst, &mut linear.tiles);
             for source in [Some(&linear.src), linear.src_b.as_ref(), linear.residual.as_ref()].into_iter().flatten() {
                 needed.add(source, rect);
             }
         }
         Call::Depthwise3x3(depthwise) => {
-            let (rect, tiles) = needed.tiles(&depthwise.dst);
-            depthwise.tiles = tiles;
+            let rect = needed.narrow(&depthwise.dst, &mut depthwise.tiles);
             needed.add_around(&depthwise.src, rect, 1);
         }
         Call::LayerNorm(norm) => {
-            let (rect, tiles) = needed.tiles(&norm.dst);
-            norm.tiles = tiles;
+            let rect = needed.narrow(&norm.dst, &mut norm.tiles);
             needed.add(&norm.src, rect);
         }
         Call::WindowAttention(attention) => {
@@ -128,16 +157,16 @@ fn restrict(call: &mut Call, region: Region, needed: &mut Needed) {
             needed.add(&attention.f, rect);
         }
         Call::Expand(expand) => {
-            let (rect, tiles) = needed.tiles(&expand.dst);
-            expand.tiles = tiles;
+            let rect = needed.narrow(&expand.dst, &mut expand.tiles);
             if !rect.is_empty() {
                 needed.add_all(&expand.src);
             }
         }
-        Call::InputColor(input) => input.tiles = needed.tiles(&input.dst).1,
-        Call::InputAux(input) => input.tiles = needed.tiles(&input.dst).1,
+        Call::InputColor(input) => _ = needed.narrow(&input.dst, &mut input.tiles),
+        Call::InputAux(input) => _ = needed.narrow(&input.dst, &mut input.tiles),
         Call::TokenSum(sum) => needed.add_all(&sum.src),
-        Call::FilmVector(_)
+        Call::Output(_)
+        | Call::FilmVector(_)
         | Call::StatsClear(_)
         | Call::StatsHistogram(_)
         | Call::StatsSelect(_)
@@ -160,8 +189,7 @@ fn restrict_conv(conv: &mut Conv3x3, grain: u32, needed: &mut Needed) {
         Shuffle::Unshuffle => TokenRect { left: left * 2, top: top * 2, right: right * 2, bottom: bottom * 2 },
     };
     let (width, height) = conv.result_size();
-    let rect = rect.in_multiples_of(grain);
-    conv.tiles = cover(rect, width, height);
+    let rect = narrow(&mut conv.tiles, rect.in_multiples_of(grain), width, height);
     needed.add_around(&conv.src, rect, conv.stride);
     conv.residual.iter().for_each(|residual| needed.add(residual, rect));
 }

@@ -36,7 +36,8 @@ impl Map {
         let values = if buffer.is_empty() {
             vec![f64::NAN; view.elements() as usize]
         } else {
-            let tokens = buffer.chunks_exact(stride).take(view.tokens() as usize);
+            let above = (view.top * view.width) as usize;
+            let tokens = buffer.chunks_exact(stride).skip(above).take(view.tokens() as usize);
             tokens.flat_map(|token| &token[first..first + channels]).copied().collect()
         };
         Self::new(view.width, view.height, view.channels, values)
@@ -50,7 +51,7 @@ impl Map {
             for (channel, value) in self.token(x, y).iter().enumerate() {
                 let (to_x, to_y, to_channel) = place(x, y, channel);
                 if to_channel < view.channels as usize {
-                    buffer[(to_y * width + to_x) * stride + first + to_channel] = *value;
+                    buffer[((view.top as usize + to_y) * width + to_x) * stride + first + to_channel] = *value;
                 }
             }
         }
@@ -88,19 +89,22 @@ impl Map {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::kernels::BufferId;
+    use crate::kernels::{BufferId, Storage};
 
     #[test]
     fn views_are_cut_out_and_put_back() {
-        let view = View { buffer: BufferId(0), first: 4, channels: 4, stride: 12, width: 8, height: 8 };
-        let buffer: Vec<f64> = (0..8 * 8 * 12).map(f64::from).collect();
+        let storage = Storage::F32;
+        let view =
+            View { buffer: BufferId(0), first: 4, channels: 4, stride: 12, width: 8, height: 8, top: 8, storage };
+        let buffer: Vec<f64> = (0..8 * 16 * 12).map(f64::from).collect();
         let map = Map::read(&buffer, &view);
-        assert_eq!(map.token(3, 2), [(2 * 8 + 3) as f64 * 12.0 + 4.0, 232.0 + 1.0, 234.0, 235.0]);
+        assert_eq!(map.token(3, 2), [1000.0, 1001.0, 1002.0, 1003.0], "token (3, 10) of the map");
 
         let mut copy = vec![f64::NAN; buffer.len()];
         map.write(&mut copy, &view, &tiles::all(8, 8), |x, y, c| (x, y, c));
         for (i, (a, b)) in copy.iter().zip(&buffer).enumerate() {
-            assert!(if (4..8).contains(&(i % 12)) { a == b } else { a.is_nan() }, "element {i}");
+            let inside = i >= 8 * 8 * 12 && (4..8).contains(&(i % 12));
+            assert!(if inside { a == b } else { a.is_nan() }, "element {i}");
         }
     }
 

@@ -22,7 +22,7 @@ use crate::error::{Error, Result};
 use crate::frame::{Extent, Frame};
 use crate::kernels::{BufferId, Call, View};
 use crate::net::weights::{Weights, WeightsError};
-use crate::plan::{Buffer, Dispatch, ELEMENT_BYTES, Place, Plan};
+use crate::plan::{Buffer, Dispatch, Place, Plan};
 use frame_io::FrameData;
 use map::Map;
 use parameters::Parameters;
@@ -200,7 +200,8 @@ impl<'a> Reference<'a> {
     fn buffer_mut(&mut self, id: BufferId) -> &mut [f64] {
         let buffer = &mut self.buffers[id.0];
         if buffer.is_empty() {
-            *buffer = vec![f64::NAN; (self.planned[id.0].bytes / ELEMENT_BYTES) as usize];
+            let Buffer { bytes, storage, .. } = &self.planned[id.0];
+            *buffer = vec![f64::NAN; (bytes / storage.bytes()) as usize];
         }
         buffer
     }

@@ -1,6 +1,6 @@
 //! What a device can do, and what the denoiser needs of it.
 
-use super::matrix::MatrixShape;
+use super::matrix::{self, MatrixShape};
 use crate::kernels::contract::{ConstantValue, Need};
 use ash::vk;
 use std::fmt;
@@ -142,6 +142,10 @@ pub struct Requirements {
     pub features: Vec<&'static str>,
     /// Features that the denoiser uses when they are enabled.
     pub optional_features: Vec<&'static str>,
+    /// Device extensions that kernels on cooperative matrices need.
+    pub matrix_extensions: Vec<&'static str>,
+    /// Features that they need.
+    pub matrix_features: Vec<&'static str>,
 }
 
 /// The denoiser's requirements. Every Vulkan 1.3 device meets them, and nearly every 1.2 device.
@@ -151,6 +155,8 @@ pub(crate) fn requirements() -> Requirements {
         extensions: Vec::new(),
         features: vec!["bufferDeviceAddress"],
         optional_features: vec!["storageBuffer16BitAccess", "shaderInt64", "hostQueryReset"],
+        matrix_extensions: matrix::EXTENSIONS.iter().filter_map(|name| name.to_str().ok()).collect(),
+        matrix_features: matrix::FEATURES.to_vec(),
     }
 }
 

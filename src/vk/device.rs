@@ -2,51 +2,17 @@
 
 use super::Checked;
 use super::caps::{self, Caps, DeviceInfo, Requirements};
-use super::instance::{Messages, NO_DRIVER, OwnedInstance};
+use super::instance::{Messages, OwnedInstance};
 use super::matrix;
+use super::selector::{DeviceSelector, enumerate, select};
 use crate::error::{Error, Result};
 use ash::{khr, vk};
 use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
-use std::convert::Infallible;
 use std::ffi::CStr;
 use std::mem::ManuallyDrop;
 use std::path::PathBuf;
-use std::str::FromStr;
 use std::sync::atomic::AtomicU64;
 use std::sync::{Arc, Mutex, PoisonError};
-
-/// Which device to open.
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub enum DeviceSelector {
-    /// The best one: a discrete GPU before an integrated one before a CPU driver; the larger memory on a tie.
-    #[default]
-    Best,
-    /// By position in [`Device::list`].
-    Index(usize),
-    /// By a part of its name or of its driver's, in any case.
-    Name(String),
-}
-
-impl FromStr for DeviceSelector {
-    type Err = Infallible;
-
-    /// `best`, an index, or part of a name.
-    fn from_str(text: &str) -> Result<Self, Infallible> {
-        Ok(match (text, text.parse()) {
-            ("best" | "", _) => Self::Best,
-            (_, Ok(index)) => Self::Index(index),
-            (name, Err(_)) => Self::Name(name.to_owned()),
-        })
-    }
-}
-
-impl DeviceSelector {
-    /// The selector in the environment variable `VKDENOISE_DEVICE`, where that is set.
-    pub fn from_env() -> Option<Self> {
-        let Ok(selector) = std::env::var("VKDENOISE_DEVICE").ok()?.parse();
-        Some(selector)
-    }
-}
 
 /// How to open a device of our own.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
@@ -82,6 +48,9 @@ pub struct RendererDevice {
     pub shader_int64: bool,
     /// Whether `hostQueryReset` was enabled: [`crate::Profiler`] needs it.
     pub host_query_reset: bool,
+    /// The functions of `VK_KHR_cooperative_matrix`, where it was enabled together with all of
+    /// [`Requirements::matrix_extensions`] and [`Requirements::matrix_features`]: [`crate::Precision::Matrix`] needs them.
+    pub cooperative_matrix: Option<khr::cooperative_matrix::Instance>,
 }
 
 /// A Vulkan device that denoisers run on. Cheap to clone; `Send` and `Sync`.
@@ -243,6 +212,7 @@ impl Device {
             storage_buffer_16bit,
             shader_int64,
             host_query_reset,
+            cooperative_matrix,
         } = renderer;
         // SAFETY: the caller vouches for the handles.
         let physicals = unsafe { instance.enumerate_physical_devices() }.called("vkEnumeratePhysicalDevices")?;
@@ -263,6 +233,7 @@ impl Device {
             storage16: caps.storage16 && storage_buffer_16bit,
             float16: false,
             host_query_reset: caps.host_query_reset && host_query_reset,
+            matrix: cooperative_matrix.and_then(|loader| matrix::shape(&loader, &instance, physical_device)),
             ..caps.with_timestamp_bits(family.map_or(0, |f| f.timestamp_valid_bits))
         };
         Ok(Self(Arc::new(Inner {
@@ -367,48 +338,4 @@ fn allocator(
         reason: e.to_string(),
     })?;
     Ok(ManuallyDrop::new(Mutex::new(allocator)))
-}
-
-type Found = (vk::PhysicalDevice, DeviceInfo, Caps);
-
-fn enumerate(instance: &OwnedInstance) -> Result<Vec<Found>> {
-    // SAFETY: the instance is alive.
-    let physicals = unsafe { instance.raw.enumerate_physical_devices() }.called("vkEnumeratePhysicalDevices")?;
-    let inspect = |(index, physical)| {
-        let (info, caps) = caps::inspect(&instance.raw, physical, index);
-        (physical, info, caps)
-    };
-    Ok(physicals.into_iter().enumerate().map(inspect).collect())
-}
-
-/// Position of the wanted device.
-fn select(found: &[Found], selector: &DeviceSelector) -> Result<usize> {
-    let unknown = |wanted: String| {
-        let names: Vec<_> = found.iter().map(|(_, info, _)| format!("{}: {}", info.index, info.name)).collect();
-        let available = if names.is_empty() { "none".into() } else { names.join(", ") };
-        Error::UnknownDevice { wanted, available }
-    };
-    match selector {
-        DeviceSelector::Index(index) if *index < found.len() => Ok(*index),
-        DeviceSelector::Index(index) => Err(unknown(index.to_string())),
-        DeviceSelector::Name(name) => {
-            let wanted = name.to_lowercase();
-            let matches =
-                |(_, info, _): &Found| format!("{} {}", info.name, info.driver).to_lowercase().contains(&wanted);
-            found.iter().position(matches).ok_or_else(|| unknown(name.clone()))
-        }
-        DeviceSelector::Best => found
-            .iter()
-            .enumerate()
-            .filter(|(_, (_, info, _))| info.missing.is_empty())
-            .min_by_key(|(_, (_, info, _))| (info.kind, std::cmp::Reverse(info.memory_bytes)))
-            .map(|(at, _)| at)
-            .ok_or_else(|| {
-                let lacks: Vec<_> = found
-                    .iter()
-                    .map(|(_, info, _)| format!("{} lacks {}", info.name, info.missing.join(", ")))
-                    .collect();
-                Error::NoDevice(if lacks.is_empty() { NO_DRIVER.into() } else { lacks.join("; ") })
-            }),
-    }
 }

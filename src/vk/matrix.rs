@@ -11,6 +11,18 @@ const DEPTHS: [u32; 2] = [8, 16];
 /// Device extensions that matrix kernels need.
 pub(crate) const EXTENSIONS: [&CStr; 2] = [khr::cooperative_matrix::NAME, ext::subgroup_size_control::NAME];
 
+/// Features that they need.
+pub(crate) const FEATURES: [&str; 7] = [
+    "cooperativeMatrix",
+    "subgroupSizeControl",
+    "computeFullSubgroups",
+    "storageBuffer16BitAccess",
+    "shaderFloat16",
+    "vulkanMemoryModel",
+    // Where the model is on, atomics of the other kernels need this too.
+    "vulkanMemoryModelDeviceScope",
+];
+
 /// Size of a device's matrices: rows x depth halves times depth x columns halves, added to rows x columns 32-bit floats,
 /// by the invocations of one subgroup.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -25,7 +37,7 @@ pub struct MatrixShape {
     pub subgroup: u32,
 }
 
-/// Features beyond Vulkan 1.2 that matrix kernels need, to be enabled when a device is made.
+/// Those of the features that are not of Vulkan 1.2, to be enabled when a device is made.
 pub(crate) struct Features {
     pub matrix: vk::PhysicalDeviceCooperativeMatrixFeaturesKHR<'static>,
     pub subgroup: vk::PhysicalDeviceSubgroupSizeControlFeatures<'static>,
@@ -75,7 +87,6 @@ pub(crate) fn shape(
         features11.storage_buffer16_bit_access,
         features12.shader_float16,
         features12.vulkan_memory_model,
-        // Where the model is on, atomics of the other kernels need this too.
         features12.vulkan_memory_model_device_scope,
     ];
     if wanted.contains(&vk::FALSE) {

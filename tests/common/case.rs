@@ -4,7 +4,7 @@ use super::compare::nmse;
 use super::device::{assert_no_validation_messages, device};
 use super::random::Random;
 use vkdenoise::frame::Extent;
-use vkdenoise::kernels::{BufferId, Call, HALF_TILE, TILE, TileRect, Tiles, Variants, View};
+use vkdenoise::kernels::{BufferId, Call, HALF_TILE, Storage, TILE, TileRect, Tiles, Variants, View};
 use vkdenoise::net::{
     Arch, Block, Bottleneck, Convolution, Decoder, DepthRule, ExposureRule, Preprocessing, StageSpec, Weights,
 };
@@ -90,7 +90,7 @@ impl Cases {
 
     fn push(&mut self, name: &str, bytes: u64, place: Place, content: Content) -> BufferId {
         let name = format!("{name} {}", self.buffers.len());
-        self.buffers.push(Buffer { name, bytes, place });
+        self.buffers.push(Buffer { name, bytes, storage: Storage::F32, place });
         self.contents.push(content);
         BufferId(self.buffers.len() - 1)
     }
@@ -115,21 +115,22 @@ impl Cases {
         self.push("weights", bytes, Place::Weights { pack, offset: 0 }, Content::Nothing)
     }
 
-    /// A map of random values in -`scale`..`scale`, somewhere in the channels of a wider one.
+    /// A map of random values in -`scale`..`scale`, somewhere in the channels and rows of a larger one.
     pub fn map(&mut self, size: (u32, u32), channels: u32, scale: f32) -> View {
         let view = self.target(size, channels);
-        let values = self.random.values((view.tokens() * u64::from(view.stride)) as usize, -scale, scale);
+        let values = self.random.values((self.buffers[view.buffer.0].bytes / 4) as usize, -scale, scale);
         self.contents[view.buffer.0] = Content::Floats(values);
         view
     }
 
-    /// A map to write, somewhere in the channels of a wider one.
+    /// A map to write, somewhere in the channels and rows of a larger one.
     pub fn target(&mut self, (width, height): (u32, u32), channels: u32) -> View {
         let channels = channels.next_multiple_of(4);
         let first = 4 * self.random.pick(&[0, 0, 1, 3, 8]);
         let stride = first + channels + 4 * self.random.pick(&[0, 0, 1, 5]);
-        let buffer = self.empty("map", (width * height * stride) as usize);
-        View { buffer, first, channels, stride, width, height }
+        let (top, below) = (8 * self.random.pick(&[0, 0, 1, 2]), 8 * self.random.pick(&[0, 0, 1]));
+        let buffer = self.empty("map", (width * (top + height + below) * stride) as usize);
+        View { buffer, first, channels, stride, width, height, top, storage: Storage::F32 }
     }
 
     /// Every tile of a map, a rectangle, or some of them in any order.

@@ -1,14 +1,14 @@
 //! A renderer's own Vulkan: instance with validation, device, queue, buffers, images. Written with ash alone, as a
 //! renderer would.
 
-use ash::{ext, vk};
+use ash::{ext, khr, vk};
 use half::f16;
 use std::ffi::{CStr, c_void};
 use std::sync::Mutex;
 use vkdenoise::{Device, Extent, ImageFormat, ImagePlane, RendererDevice};
 
 pub struct Renderer {
-    _entry: ash::Entry,
+    entry: ash::Entry,
     pub instance: ash::Instance,
     pub physical_device: vk::PhysicalDevice,
     pub device: ash::Device,
@@ -16,6 +16,7 @@ pub struct Renderer {
     pub storage16: bool,
     pub int64: bool,
     pub host_query_reset: bool,
+    matrices: bool,
     queue: vk::Queue,
     pool: vk::CommandPool,
     memory: vk::PhysicalDeviceMemoryProperties,
@@ -88,25 +89,37 @@ impl Renderer {
             let int64 = instance.get_physical_device_features(physical_device).shader_int64 == vk::TRUE;
             assert_eq!(Device::requirements().features, ["bufferDeviceAddress"]);
             assert!(Device::requirements().extensions.is_empty());
+            let matrices = super::device::device().has_matrices();
             let mut features12 = vk::PhysicalDeviceVulkan12Features::default()
                 .buffer_device_address(true)
-                .host_query_reset(host_query_reset);
+                .host_query_reset(host_query_reset)
+                .shader_float16(matrices)
+                .vulkan_memory_model(matrices)
+                .vulkan_memory_model_device_scope(matrices);
+            let mut matrix = vk::PhysicalDeviceCooperativeMatrixFeaturesKHR::default().cooperative_matrix(true);
+            let mut subgroup = vk::PhysicalDeviceSubgroupSizeControlFeatures::default()
+                .subgroup_size_control(true)
+                .compute_full_subgroups(true);
+            let names = [khr::cooperative_matrix::NAME, ext::subgroup_size_control::NAME].map(CStr::as_ptr);
             let mut features11 = vk::PhysicalDeviceVulkan11Features::default().storage_buffer16_bit_access(storage16);
             let queues =
                 [vk::DeviceQueueCreateInfo::default().queue_family_index(queue_family).queue_priorities(&[1.0])];
             let features = vk::PhysicalDeviceFeatures::default().shader_int64(int64);
-            let info = vk::DeviceCreateInfo::default()
+            let mut info = vk::DeviceCreateInfo::default()
                 .queue_create_infos(&queues)
                 .enabled_features(&features)
                 .push_next(&mut features12)
                 .push_next(&mut features11);
+            if matrices {
+                info = info.enabled_extension_names(&names).push_next(&mut matrix).push_next(&mut subgroup);
+            }
             let device = instance.create_device(physical_device, &info, None).unwrap();
             let queue = device.get_device_queue(queue_family, 0);
             let info = vk::CommandPoolCreateInfo::default().queue_family_index(queue_family);
             let pool = device.create_command_pool(&info, None).unwrap();
             let memory = instance.get_physical_device_memory_properties(physical_device);
             Self {
-                _entry: entry,
+                entry,
                 instance,
                 physical_device,
                 device,
@@ -114,6 +127,7 @@ impl Renderer {
                 storage16,
                 int64,
                 host_query_reset,
+                matrices,
                 queue,
                 pool,
                 memory,
@@ -132,6 +146,9 @@ impl Renderer {
             storage_buffer_16bit: self.storage16,
             shader_int64: self.int64,
             host_query_reset: self.host_query_reset,
+            cooperative_matrix: self
+                .matrices
+                .then(|| khr::cooperative_matrix::Instance::new(&self.entry, &self.instance)),
         }
     }
 

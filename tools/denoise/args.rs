@@ -57,6 +57,10 @@ pub struct Args {
     #[arg(long, value_name = "A", default_value_t = 0.0, value_parser = share)]
     pub blend: f32,
 
+    /// Most device memory to use, in MiB: an image that needs more is refused
+    #[arg(long, value_name = "MIB")]
+    pub memory_budget: Option<u64>,
+
     /// Denoise these pixels alone, for part of the work and with the same result: X,Y,W,H, counted from the upper left
     /// corner of the image. The output is the input cropped to them
     #[arg(long, value_name = "X,Y,W,H", allow_hyphen_values = true, value_parser = parsed::<Region>)]

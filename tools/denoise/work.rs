@@ -80,8 +80,14 @@ struct Engine {
 impl Engine {
     fn open(args: &Args, weights: &Weights) -> Result<Self, Error> {
         let selector = args.device.clone().or_else(DeviceSelector::from_env).unwrap_or_default();
-        let Args { precision, exposure, blend, .. } = args;
-        let options = Options { precision: *precision, exposure: *exposure, blend: *blend, ..Options::default() };
+        let Args { precision, exposure, blend, memory_budget, .. } = args;
+        let options = Options {
+            precision: *precision,
+            exposure: *exposure,
+            blend: *blend,
+            memory_budget: memory_budget.map(|mib| mib << 20),
+            ..Options::default()
+        };
         let device = Device::open(&selector)?;
         let mut denoiser = Denoiser::new(&device, weights, &options)?;
         denoiser.set_region(args.region);

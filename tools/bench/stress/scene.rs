@@ -6,7 +6,7 @@ use super::random::Random;
 use vkdenoise::kernels::stats::{
     Clear, Counted, HISTOGRAM_BYTES, Histogram, KEY, Key, STATS_FLOATS, Select, TileMeans,
 };
-use vkdenoise::kernels::{BufferId, Call};
+use vkdenoise::kernels::{BufferId, Call, Storage};
 use vkdenoise::plan::{Buffer, Place};
 use vkdenoise::reference::Reference;
 use vkdenoise::{Extent, Features, Frame, Layout, Plane, Weights};
@@ -102,7 +102,8 @@ impl Scene {
         let tiles = tile_means.tiles();
         let sizes = [("histogram", HISTOGRAM_BYTES), ("stats", 4 * STATS_FLOATS), ("tiles", 4 * u64::from(tiles))];
         let place = Place::Arena { block: 0, offset: 0 };
-        let buffers = sizes.map(|(name, bytes)| Buffer { name: name.into(), bytes, place: place.clone() });
+        let buffers =
+            sizes.map(|(name, bytes)| Buffer { name: name.into(), bytes, storage: Storage::F32, place: place.clone() });
         let mut reference = Reference::for_calls(self.extent, &buffers, &Weights::hybrid()?)?;
         reference.set_frame(&self.frame(), None, 0.0)?;
         for call in [

@@ -1,0 +1,65 @@
+//! The device memory of a frame size, known before any of it is allocated.
+
+use crate::error::{Error, Result};
+use crate::frame::Extent;
+use crate::kernels::stats::STATS_FLOATS;
+use crate::plan::Plan;
+
+/// Floats of a pixel in the host path's staging memory: colour, albedo, normal, depth, each plane by itself.
+pub(crate) const INPUT_FLOATS: u64 = 10;
+/// Floats of a pixel that come back.
+pub(crate) const OUTPUT_FLOATS: u64 = 3;
+
+/// Device memory that a frame size takes, in bytes. The caller's own planes are apart.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct MemoryRequired {
+    /// The feature maps between the kernels.
+    pub arena: u64,
+    /// The packed weights, shared by all sizes of a denoiser.
+    pub weights: u64,
+    /// Planes on their way in and out, in the host path alone.
+    pub staging: u64,
+}
+
+impl MemoryRequired {
+    pub(crate) fn of_plan(plan: &Plan) -> Self {
+        let Extent { width, height } = plan.extent;
+        Self {
+            arena: plan.blocks.iter().sum(),
+            weights: plan.weights_bytes,
+            staging: input_bytes(width, height) + output_bytes(width, height),
+        }
+    }
+
+    /// What a renderer's pass takes: no staging.
+    pub fn pass(&self) -> u64 {
+        self.arena + self.weights
+    }
+
+    /// What the host path takes.
+    pub fn host(&self) -> u64 {
+        self.pass() + self.staging
+    }
+}
+
+pub(crate) fn input_bytes(width: u32, height: u32) -> u64 {
+    u64::from(width) * u64::from(height) * INPUT_FLOATS * 4
+}
+
+/// The denoised plane, then the frame's statistics.
+pub(crate) fn output_bytes(width: u32, height: u32) -> u64 {
+    u64::from(width) * u64::from(height) * OUTPUT_FLOATS * 4 + STATS_FLOATS * 4
+}
+
+/// Refuses a frame that takes more than the budget or than the device has.
+pub(crate) fn check(extent: Extent, bytes: u64, budget: Option<u64>, heap: u64) -> Result<()> {
+    let reason = match budget {
+        Some(budget) if bytes > budget => format!(
+            "it needs {bytes} bytes of device memory, the budget is {budget}: raise the budget (memory_budget), or give \
+             the frame in smaller parts"
+        ),
+        _ if bytes > heap => format!("it needs {bytes} bytes of device memory, the device has {heap}"),
+        _ => return Ok(()),
+    };
+    Err(Error::FrameTooLarge { width: extent.width, height: extent.height, reason })
+}

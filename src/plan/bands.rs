@@ -1,0 +1,153 @@
+//! Chains of operations that run band by band: what lies between them exists for some rows of the frame at a time, so that
+//! wide maps at full resolution never exist in whole.
+//!
+//! A band of a chain works on the rows that its part of the result depends on, as on a map of their own: its border is the
+//! frame's where it touches it, and elsewhere so far away from the rows that count that its zero padding reaches none of
+//! them. So the result has the bits of the whole.
+
+use super::lower::Lowering;
+use super::region::restrict_chain;
+use crate::kernels::{BufferId, Call, Storage, TILE, Tiles};
+use crate::net::graph::{Graph, Op, OpKind, Shape, ValueId};
+use std::collections::HashMap;
+
+/// Rows of the padded frame that a chain works on, in pixels.
+pub(super) struct Band {
+    pub top: u32,
+    pub bottom: u32,
+    /// What only the chain touches.
+    locals: Vec<ValueId>,
+    /// Buffers of those.
+    pub values: HashMap<ValueId, BufferId>,
+}
+
+impl Band {
+    pub fn height(&self) -> u32 {
+        self.bottom - self.top
+    }
+
+    pub fn is_local(&self, value: ValueId) -> bool {
+        self.locals.contains(&value)
+    }
+}
+
+impl Lowering<'_> {
+    /// Lowers the operation at `at`, or the chain that begins there where it pays. Returns how many operations that were.
+    pub(super) fn chain(&mut self, at: usize) -> usize {
+        let chain = Chain::new(self.graph, at);
+        let pixels = u64::from(self.padded.width) * u64::from(self.padded.height);
+        let widest = chain.widest * pixels / 256;
+        let bands =
+            widest.div_ceil(self.options.max_chain_bytes.max(1)).min(u64::from(self.padded.height / chain.grain));
+        if bands < 2 {
+            let (call, flops, ops) = self.ops_at(at);
+            let op = &self.graph.ops[at + ops - 1];
+            self.push(&op.name, op.stage, flops, call);
+            return ops;
+        }
+        let rows = (self.padded.height / chain.grain).div_ceil(bands as u32) * chain.grain;
+        for (number, first) in (0..self.padded.height).step_by(rows as usize).enumerate() {
+            self.lower_band(&chain, number, (first, (first + rows).min(self.padded.height)));
+        }
+        chain.ops
+    }
+
+    /// Lowers the chain for the pixel rows `first..end` of its result.
+    fn lower_band(&mut self, chain: &Chain, number: usize, (first, end): (u32, u32)) {
+        let top = first.saturating_sub(chain.halo);
+        let bottom = (end + chain.halo).min(self.padded.height);
+        self.band = Some(Band { top, bottom, locals: chain.locals.clone(), values: HashMap::new() });
+        let (mut calls, mut at) = (Vec::new(), chain.at);
+        while at < chain.at + chain.ops {
+            let (call, flops, ops) = self.ops_at(at);
+            calls.push((at + ops - 1, call, flops));
+            at += ops;
+        }
+        self.band = None;
+        let mut only: Vec<&mut Call> = calls.iter_mut().map(|(_, call, _)| call).collect();
+        restrict_chain(&mut only, (top, bottom), (first, end));
+        for (op, call, flops) in calls {
+            let op = &self.graph.ops[op];
+            let Some((tiles, width, height)) = call.tiles() else { continue };
+            // FLOPs are those of the whole map; the band's share counts what it computes.
+            let whole =
+                u64::from(Tiles::All.count(width, height)) * u64::from(self.padded.height) / u64::from(bottom - top);
+            let flops = flops * u64::from(tiles.count(width, height)) / whole.max(1);
+            self.push(&format!("{}.band{number}", op.name), op.stage, flops, call);
+        }
+    }
+}
+
+/// Consecutive operations of which only the last one's result is read by others.
+struct Chain {
+    at: usize,
+    ops: usize,
+    /// What lies between them.
+    locals: Vec<ValueId>,
+    /// Bytes of the widest of those, for 256 pixels.
+    widest: u64,
+    /// Pixel rows, a multiple of `grain`, that a row of the result reaches beyond itself.
+    halo: u32,
+    /// Pixel rows of a tile of the coarsest map touched.
+    grain: u32,
+}
+
+impl Chain {
+    /// The longest chain that begins at `at`; a single operation if there is no longer one.
+    fn new(graph: &Graph, at: usize) -> Self {
+        let mut best = Self { at, ops: 1, locals: Vec::new(), widest: 0, halo: 0, grain: TILE };
+        let mut made: Vec<ValueId> = Vec::new();
+        let (mut reach, mut grain) = (0, TILE);
+        for (i, op) in graph.ops.iter().enumerate().skip(at) {
+            let Some(step) = reach_of(graph, op) else { break };
+            reach += step;
+            let touched = graph.reads(op).into_iter().chain([graph.writes(op)]);
+            grain = touched.filter_map(|slice| stride_of(graph, slice.value)).fold(grain, |g, s| g.max(TILE * s));
+            let result = graph.writes(op).value;
+            let closed = made.iter().all(|value| is_read_within(graph, *value, at, i + 1));
+            if closed && i > at {
+                let bytes = |value: &ValueId| match graph.value(*value).shape {
+                    Shape::Map { stride, channels } => {
+                        u64::from(channels.next_multiple_of(4)) * Storage::F32.bytes() * 256
+                            / u64::from(stride * stride)
+                    }
+                    Shape::Vector { .. } => 0,
+                };
+                let widest = made.iter().map(bytes).max().unwrap_or(0);
+                let (ops, locals) = (i + 1 - at, made.clone());
+                best = Self { at, ops, locals, widest, halo: reach.next_multiple_of(grain), grain };
+            }
+            made.push(result);
+        }
+        best
+    }
+}
+
+/// Pixels that a token of the result reaches beyond itself; `None` for operations that need more than their neighbourhood.
+fn reach_of(graph: &Graph, op: &Op) -> Option<u32> {
+    match &op.kind {
+        OpKind::Conv3x3 { input, .. } => stride_of(graph, input.value),
+        OpKind::Depthwise3x3 { input, .. } => stride_of(graph, input.value),
+        OpKind::Linear { .. } | OpKind::LayerNorm { .. } => Some(0),
+        OpKind::WindowAttention { .. } | OpKind::FilmMean { .. } | OpKind::FilmVector { .. } => None,
+    }
+}
+
+fn stride_of(graph: &Graph, value: ValueId) -> Option<u32> {
+    match graph.value(value).shape {
+        Shape::Map { stride, .. } => Some(stride),
+        Shape::Vector { .. } => None,
+    }
+}
+
+/// Whether a value is whole after one of the operations `from..to`, and read by no others.
+fn is_read_within(graph: &Graph, value: ValueId, from: usize, to: usize) -> bool {
+    let kept = [graph.color, graph.aux, graph.residual].contains(&value);
+    !kept
+        && graph
+            .ops
+            .iter()
+            .enumerate()
+            .filter(|(i, _)| !(from..to).contains(i))
+            .all(|(_, op)| graph.writes(op).value != value && graph.reads(op).iter().all(|slice| slice.value != value))
+}

@@ -1,0 +1,137 @@
+//! From one operation to its kernel.
+
+use super::SeparableForm;
+use super::choices::{conv_pack, fuse, is_separable};
+use super::lower::{Lowering, Partials};
+use super::pack::{Pack, linear_outputs};
+use crate::kernels::winograd::Winograd3x3;
+use crate::kernels::{Call, Storage, Tiles, View, dense, film, maps, window_attention};
+use crate::net::graph::{Op, OpKind, Slice, conv_outputs};
+
+impl Lowering<'_> {
+    /// The kernel of the operation at `at` and of those that it swallows, the FLOPs of all of them, and how many they are.
+    pub(super) fn ops_at(&mut self, at: usize) -> (Call, u64, usize) {
+        let graph = self.graph;
+        let op = &graph.ops[at];
+        let (call, flops) = (self.op(op), self.flops(op));
+        let fused = self.options.separable == SeparableForm::Fused;
+        match graph.ops.get(at + 1).filter(|_| fused && is_separable(graph, at)) {
+            Some(next) => (fuse(call, self.op(next)), flops + self.flops(next), 2),
+            None => (call, flops, 1),
+        }
+    }
+
+    /// The kernel of an operation. Kernels that must run before it are pushed.
+    fn op(&mut self, op: &Op) -> Call {
+        match &op.kind {
+            OpKind::Conv3x3 { input, weight, bias, stride, activation, shuffle, film, residual, output } => {
+                let channels = conv_outputs(*shuffle, *output);
+                let tile = self.options.conv.tile(*stride, channels);
+                let pack = conv_pack(weight, *bias, (input.channels, channels), *shuffle, tile);
+                let conv = dense::Conv3x3 {
+                    src: self.view(*input),
+                    dst: self.view(*output),
+                    channels: channels.next_multiple_of(4),
+                    weights: self.pack(weight, pack),
+                    film: film.map(|film| self.value(film)),
+                    residual: residual.map(|residual| self.view(residual)),
+                    stride: *stride,
+                    activation: *activation,
+                    shuffle: *shuffle,
+                    tiles: Tiles::All,
+                };
+                match tile {
+                    Some(tile) => Call::Winograd3x3(Winograd3x3 { conv, tile }),
+                    None => Call::Conv3x3(conv),
+                }
+            }
+            OpKind::Linear { inputs, weight, activation, film, residual, output } => {
+                debug_assert_eq!(linear_outputs(weight), output.channels, "{}", op.name);
+                let views: Vec<View> = inputs.iter().map(|input| self.view(*input)).collect();
+                Call::Linear(dense::Linear {
+                    src: views[0],
+                    src_b: views.get(1).copied(),
+                    dst: self.view(*output),
+                    weights: self.pack(&op.name, Pack::Linear(weight.clone())),
+                    film: film.map(|film| self.value(film)),
+                    residual: residual.map(|residual| self.view(residual)),
+                    activation: *activation,
+                    tiles: Tiles::All,
+                })
+            }
+            OpKind::Depthwise3x3 { input, weight, activation, output } => {
+                let pack = Pack::Depthwise { weight: weight.clone(), channels: input.channels };
+                Call::Depthwise3x3(maps::Depthwise3x3 {
+                    src: self.view(*input),
+                    dst: self.whole(*output),
+                    weights: self.pack(weight, pack),
+                    activation: *activation,
+                    tiles: Tiles::All,
+                })
+            }
+            OpKind::LayerNorm { input, norm, output } => {
+                let dst = self.whole(*output);
+                self.layer_norm(*input, norm, dst)
+            }
+            OpKind::WindowAttention { x, f, bias_table, heads, key_width, value_width, output } => {
+                let pack = Pack::BiasTable { table: bias_table.clone(), heads: *heads };
+                Call::WindowAttention(window_attention::WindowAttention {
+                    x: self.whole(*x),
+                    f: self.whole(*f),
+                    bias: self.pack(bias_table, pack),
+                    dst: self.whole(*output),
+                    heads: *heads,
+                    key_width: *key_width,
+                    value_width: *value_width,
+                    tiles: Tiles::All,
+                })
+            }
+            OpKind::FilmMean { input, norm, output } => {
+                // Normed in a map of its own, then summed.
+                let source = self.view(*input);
+                let normed = View {
+                    buffer: self.scratch(&format!("{}.normed", op.name), source.bytes(), source.storage),
+                    first: 0,
+                    stride: source.channels,
+                    ..source
+                };
+                let norm = self.layer_norm(*input, norm, normed);
+                self.push(&op.name, op.stage, 0, norm);
+                let stride = self.padded.width / source.width;
+                let mut sum = film::TokenSum {
+                    src: normed,
+                    real_width: self.extent.width.div_ceil(stride),
+                    real_height: self.extent.height.div_ceil(stride),
+                    dst: normed.buffer,
+                };
+                let bytes = sum.sums() * u64::from(source.channels) * 4;
+                sum.dst = self.scratch(&format!("{}.partials", op.name), bytes, Storage::F32);
+                let partials = Partials { buffer: sum.dst, sums: sum.sums(), tokens: sum.real_tokens() };
+                self.partials.insert(*output, partials);
+                Call::TokenSum(sum)
+            }
+            OpKind::FilmVector { input, weight, output } => {
+                let inputs = self.graph.whole(*input).channels;
+                let outputs = self.graph.whole(*output).channels;
+                let weights = self.pack(weight, Pack::FilmVector { weight: weight.clone(), inputs, outputs });
+                let dst = self.value(*output);
+                let partials = &self.partials[input];
+                Call::FilmVector(film::FilmVector {
+                    partials: partials.buffer,
+                    sums: partials.sums,
+                    tokens: partials.tokens,
+                    channels: inputs,
+                    weights,
+                    dst,
+                    outputs,
+                })
+            }
+        }
+    }
+
+    fn layer_norm(&mut self, input: Slice, norm: &str, dst: View) -> Call {
+        let pack = Pack::Norm { norm: norm.to_owned(), channels: input.channels };
+        let weights = self.pack(norm, pack);
+        Call::LayerNorm(maps::LayerNorm { src: self.view(input), dst, weights, tiles: Tiles::All })
+    }
+}
