@@ -27,19 +27,24 @@ pub enum Precision {
     Auto,
     /// 32-bit floats throughout.
     F32,
+    /// Dense convolutions on cooperative matrices ([`Device::has_matrices`]): their inputs and weights are rounded to halves,
+    /// their sums and everything else are 32-bit floats.
+    Matrix,
 }
 
 impl FromStr for Precision {
     type Err = Error;
 
-    /// `auto` or `fp32`.
+    /// `auto`, `fp32` or `matrix`.
     fn from_str(text: &str) -> Result<Self> {
         match text {
             "auto" => Ok(Self::Auto),
             "fp32" => Ok(Self::F32),
-            other => {
-                Err(Error::InvalidOption { option: "precision", reason: format!("'{other}'; it can be auto or fp32") })
-            }
+            "matrix" => Ok(Self::Matrix),
+            other => Err(Error::InvalidOption {
+                option: "precision",
+                reason: format!("'{other}'; it can be auto, fp32 or matrix"),
+            }),
         }
     }
 }
@@ -49,6 +54,7 @@ impl fmt::Display for Precision {
         f.write_str(match self {
             Self::Auto => "auto",
             Self::F32 => "fp32",
+            Self::Matrix => "matrix",
         })
     }
 }
@@ -137,6 +143,7 @@ impl Denoiser {
         frame.check()?;
         let mut engine = Engine::new(device, weights, options)?;
         engine.cpu = cpu;
+        engine.matrix = engine::wants_matrices(device, options.precision)?;
         Ok(Self { engine: Arc::new(engine), options: frame, profiling: false, host: None })
     }
 
@@ -193,9 +200,9 @@ impl Denoiser {
         self.engine.pipelines.statistics()
     }
 
-    /// The precision in use: `fp32`.
+    /// The precision in use, never [`Precision::Auto`].
     pub fn precision(&self) -> Precision {
-        Precision::F32
+        if self.engine.matrix { Precision::Matrix } else { Precision::F32 }
     }
 
     /// The device.

@@ -1,7 +1,7 @@
 //! What all passes of a denoiser share: the network, its packed weights on the device, the pipelines.
 
-use crate::denoiser::Options;
-use crate::error::Result;
+use crate::denoiser::{Options, Precision};
+use crate::error::{Error, Result};
 use crate::frame::Extent;
 use crate::kernels::Variants;
 use crate::kernels::contract::Need;
@@ -29,6 +29,8 @@ pub(crate) struct Engine {
     pub memory_budget: Option<u64>,
     /// Whether kernels shaped for CPU drivers run.
     pub cpu: bool,
+    /// Whether dense kernels run on cooperative matrices.
+    pub matrix: bool,
 }
 
 impl Engine {
@@ -66,6 +68,7 @@ impl Engine {
             exposure_rule: weights.preprocessing().exposure,
             memory_budget: None,
             cpu: prefers_cpu_kernels(device),
+            matrix: false,
         })
     }
 
@@ -89,13 +92,29 @@ impl Engine {
 
     /// The kernels that this device prefers, for a frame in buffers.
     pub fn variants(&self) -> Variants {
-        Variants { cpu: self.cpu, images: false, output_half: false }
+        Variants { cpu: self.cpu, matrix: self.matrix, images: false, output_half: false }
     }
 }
 
 /// On CPU drivers a load costs more than the arithmetic it feeds (measured on lavapipe).
 pub(crate) fn prefers_cpu_kernels(device: &Device) -> bool {
     device.caps().kind == DeviceKind::Cpu && device.caps().meets(Need::CpuDriver)
+}
+
+/// Whether dense kernels are to run on cooperative matrices.
+///
+/// # Errors
+/// [`Error::Unsupported`] where they are asked for and the device has none.
+pub(crate) fn wants_matrices(device: &Device, precision: Precision) -> Result<bool> {
+    match precision {
+        Precision::F32 => Ok(false),
+        Precision::Matrix if device.has_matrices() => Ok(true),
+        Precision::Matrix => {
+            Err(Error::Unsupported { device: device.info().name.clone(), missing: Need::Matrix.to_string() })
+        }
+        // On a CPU they only take longer.
+        Precision::Auto => Ok(device.has_matrices() && device.caps().kind != DeviceKind::Cpu),
+    }
 }
 
 /// Packs the weights into device memory that the host can write, so that a renderer's queue is not needed.

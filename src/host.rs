@@ -179,7 +179,7 @@ impl HostPass {
             _ => self.bind(present)?,
         };
         self.recorded = None;
-        self.work = self.pass.work(options)?;
+        self.work = self.pass.work(&bound, options)?;
         let (stats, stats_offset, stats_bytes) = self.pass.location(self.pass.plan().stats);
         let copy = [vk::BufferCopy {
             src_offset: stats_offset,

@@ -7,7 +7,7 @@ use crate::error::{Error, Result};
 use crate::frame::{Extent, Region};
 use crate::kernels::{Addresses, BufferId, FrameArgs, PlaneArgs, TexelRange, Variants};
 use crate::net::weights::ExposureRule;
-use crate::plan::{Dispatch, Place, Plan};
+use crate::plan::{self, Dispatch, Place, Plan, Present};
 use crate::profile::Profiler;
 use crate::record::Recording;
 use crate::renderer::{BufferFrame, ImageFormat, ImageFrame, ImagePlane};
@@ -108,22 +108,26 @@ impl Pass {
         &self.plan
     }
 
-    /// The share of the whole frame's FLOPs that a recording with these options does, from 0 to 1.
+    /// The share of the FLOPs of a whole frame with all features that a recording does, from 0 to 1.
     ///
     /// # Errors
     /// [`Error::InvalidOption`] as [`Pass::record`].
-    pub fn work(&self, options: &FrameOptions) -> Result<f64> {
+    pub fn work(&self, binding: &Binding, options: &FrameOptions) -> Result<f64> {
         let flops = |dispatches: &[Dispatch]| dispatches.iter().map(|dispatch| dispatch.flops).sum::<u64>() as f64;
-        Ok(flops(&self.dispatches(options)?) / flops(&self.plan.dispatches).max(1.0))
+        Ok(flops(&self.dispatches(binding, options)?) / flops(&self.plan.dispatches).max(1.0))
     }
 
     /// What runs of the plan.
-    fn dispatches(&self, options: &FrameOptions) -> Result<Cow<'_, [Dispatch]>> {
+    fn dispatches(&self, binding: &Binding, options: &FrameOptions) -> Result<Cow<'_, [Dispatch]>> {
         options.check()?;
-        let mut dispatches = Cow::Borrowed(&self.plan.dispatches[..]);
+        let features = present(&binding.planes);
+        let mut dispatches = Cow::Borrowed(self.plan.for_features(features));
+        if !features.depth {
+            plan::skip_depth(dispatches.to_mut());
+        }
         if let Some(region) = options.region {
             region.check(self.plan.extent)?;
-            dispatches = self.plan.of_region(region).into();
+            self.plan.restrict_to(region, dispatches.to_mut());
         }
         if options.features_unchanged {
             if !self.plan.keeps_features {
@@ -132,7 +136,7 @@ impl Pass {
                     reason: "nothing was kept; make the denoiser with Options::keep_features".into(),
                 });
             }
-            dispatches = self.plan.with_kept_features(dispatches.into_owned()).into();
+            plan::skip_features(dispatches.to_mut());
         }
         Ok(dispatches)
     }
@@ -202,7 +206,7 @@ impl Pass {
         variants: Variants,
         planes: FrameArgs,
     ) -> Result<Binding> {
-        let (engine, dispatches) = (&self.engine, &self.plan.dispatches);
+        let (engine, dispatches) = (&self.engine, self.plan.for_features(present(&planes)));
         let pipelines = engine.pipelines.for_dispatches(dispatches, variants)?;
         let texels = |range: &TexelRange| {
             let (buffer, offset, bytes) = self.location(range.buffer);
@@ -268,14 +272,15 @@ impl Pass {
         options: &FrameOptions,
         profiled: Option<(&Profiler, u32)>,
     ) -> Result<()> {
-        if binding.extent != self.plan.extent || binding.pipelines.len() != self.plan.dispatches.len() {
+        let planned = self.plan.for_features(present(&binding.planes));
+        if binding.extent != self.plan.extent || binding.pipelines.len() != planned.len() {
             let (has, wants) = (binding.extent, self.plan.extent);
             return Err(Error::Binding(format!(
                 "it was made for {} x {} pixels, the pass is for {} x {}",
                 has.width, has.height, wants.width, wants.height
             )));
         }
-        let dispatches = self.dispatches(options)?;
+        let dispatches = self.dispatches(binding, options)?;
         let timestamps = match profiled {
             Some((profiler, slot)) => Some(profiler.begin(slot, &dispatches, binding.variants)?),
             None => None,
@@ -304,6 +309,11 @@ impl Pass {
         Ok(())
     }
 
+    /// Dispatches of the longest recording.
+    pub(crate) fn max_dispatches(&self) -> usize {
+        self.plan.without_features.as_ref().map_or(0, Vec::len).max(self.plan.dispatches.len())
+    }
+
     /// Device address of a buffer of the plan.
     fn address(&self, id: BufferId) -> u64 {
         match &self.plan.buffer(id).place {
@@ -320,4 +330,8 @@ impl Pass {
             Place::Weights { offset, .. } => (self.engine.weights.raw(), *offset, buffer.bytes),
         }
     }
+}
+
+fn present(planes: &FrameArgs) -> Present {
+    Present { albedo: planes.albedo.present, normal: planes.normal.present, depth: planes.depth.present }
 }

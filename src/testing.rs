@@ -53,7 +53,7 @@ impl Bench {
 
     /// The variants that the engine would take on the device.
     pub fn default_variants(device: &Device) -> Variants {
-        Variants { cpu: engine::prefers_cpu_kernels(device), images: false, output_half: false }
+        Variants { cpu: engine::prefers_cpu_kernels(device), matrix: false, images: false, output_half: false }
     }
 
     /// Whether the variants for CPU drivers run on the device.
@@ -118,7 +118,9 @@ impl Bench {
             call: call.clone(),
             barrier: true,
             flops: 0,
+            band: 0,
             of_features: false,
+            of_depth: false,
             skipped: false,
         };
         let dispatches: Vec<_> = calls.iter().map(dispatch).collect();

@@ -7,9 +7,10 @@ use common::compare::assert_same_bits;
 use common::device::{assert_no_validation_messages, device};
 use common::random::Random;
 use common::vulkan::{Renderer, RendererBuffer};
+use vkdenoise::kernels::winograd::WinogradTile;
 use vkdenoise::net::graph::Graph;
-use vkdenoise::net::{Arch, Weights};
-use vkdenoise::plan::{Place, Plan, PlanOptions, plan};
+use vkdenoise::net::{Arch, Block, Bottleneck, Convolution, Decoder, StageSpec, Weights};
+use vkdenoise::plan::{ConvAlgorithm, Dispatch, Place, Plan, PlanOptions, SeparableForm, plan};
 use vkdenoise::{
     BufferFrame, BufferPlane, Denoiser, Device, Error, Extent, Features, Frame, FrameOptions, Layout, Options, Plane,
     PlaneMut, Region, SampleFormat,
@@ -87,8 +88,7 @@ fn what_depends_on_features_alone_is_found() {
             assert_eq!(dispatch.of_features, expected, "{name}: {}", dispatch.name);
         }
         // Whatever the rest reads of it keeps its place: nothing else lies there.
-        let rest: Vec<_> = plan.with_kept_features(plan.dispatches.clone());
-        let rest: Vec<_> = rest.iter().filter(|dispatch| !dispatch.skipped).map(|d| d.traffic()).collect();
+        let rest: Vec<_> = plan.dispatches.iter().filter(|d| !d.of_features).map(|d| d.traffic()).collect();
         let written: Vec<_> = rest.iter().flat_map(|traffic| &traffic.writes).map(|(id, _)| *id).collect();
         for (id, _) in rest.iter().flat_map(|traffic| &traffic.reads) {
             let Place::Arena { block, offset } = plan.buffer(*id).place else { continue };
@@ -111,8 +111,10 @@ fn what_depends_on_features_alone_is_found() {
 fn what_it_saves_and_costs() {
     let extent = Extent::new(1920, 1080);
     let (plain, keeping) = (plan_of("hybrid", extent, false), plan_of("hybrid", extent, true));
-    let flops = |dispatches: &[vkdenoise::plan::Dispatch]| dispatches.iter().map(|d| d.flops).sum::<u64>() as f64;
-    let rest = flops(&keeping.with_kept_features(keeping.dispatches.clone())) / flops(&plain.dispatches);
+    let flops = |kept: fn(&Dispatch) -> bool| {
+        keeping.dispatches.iter().filter(|d| kept(d)).map(|d| d.flops).sum::<u64>() as f64
+    };
+    let rest = flops(|dispatch| !dispatch.of_features) / flops(|_| true);
     let mb = |plan: &Plan| plan.blocks.iter().sum::<u64>() as f64 * 1e-6;
     println!("{rest:.4} of the work remains, {:.0} MB in place of {:.0}", mb(&keeping), mb(&plain));
     assert!((0.85..0.87).contains(&rest), "{rest}");
@@ -196,7 +198,7 @@ fn a_renderer_keeps_features() {
         let all: Vec<f32> = planes.into_iter().flatten().copied().collect();
         input.write(bytemuck::cast_slice(&all));
         let options = FrameOptions { features_unchanged: i > 0, ..FrameOptions::default() };
-        let work = pass.work(&options).unwrap();
+        let work = pass.work(&binding, &options).unwrap();
         assert!(if i > 0 { (0.8..0.9).contains(&work) } else { work == 1.0 }, "{work}");
         let fence = renderer.submit(|commands| {
             // SAFETY: everything bound lives until the fence is waited for.
@@ -208,6 +210,85 @@ fn a_renderer_keeps_features() {
         assert_same_bits(bytemuck::cast_slice(&output.read()), &expected, &format!("frame {i}"));
     }
     drop((binding, pass, denoiser, device));
-    drop((input, output));
     renderer.assert_silent();
+}
+
+/// Denoises without features, and with planes of what stands for a missing one: 0, which as a normal is half of the range.
+fn check_missing(weights: &Weights, extent: Extent, options: &Options) {
+    let mut random = Random::new(u64::from(extent.width));
+    let color = random.values(3 * extent.pixels() as usize, 0.0, 3.0);
+    let zeros = vec![0.0; color.len()];
+    let (rgb, one) = (Layout::interleaved(extent, 3), Layout::interleaved(extent, 1));
+    let zero = Some(Plane::f32(&zeros, rgb));
+    let all = Features { albedo: zero, normal: zero, depth: Some(Plane::f32(&zeros, one)) };
+    let mut denoiser = Denoiser::new(device(), weights, options).unwrap();
+    let mut run = |features: Features, region: Option<Region>| {
+        denoiser.set_region(region);
+        let mut output = vec![-1.0; color.len()];
+        let frame = Frame { extent, color: Plane::f32(&color, rgb), features };
+        let report = denoiser.denoise(&frame, PlaneMut::f32(&mut output, rgb)).unwrap();
+        (output, report.work)
+    };
+    let (expected, work) = run(all, None);
+    assert_eq!(work, 1.0);
+    let (found, work) = run(Features::default(), None);
+    println!("{}, {extent:?}: without features {work:.4} of the work", weights.arch().name);
+    assert_same_bits(&found, &expected, &format!("{extent:?}"));
+    // Where a side is large enough, a part is computed only.
+    assert_eq!(work < 1.0, extent.width.max(extent.height) > 256, "{extent:?}: {work}");
+    // One feature that is there makes them differ from pixel to pixel.
+    for features in [Features { albedo: None, ..all }, Features { depth: None, ..all }] {
+        let (found, work) = run(features, None);
+        assert_same_bits(&found, &expected, &format!("{extent:?}"));
+        assert_eq!(work, 1.0);
+    }
+    for _ in 0..3 {
+        let (width, height) = (random.integer(1, extent.width.min(60)), random.integer(1, extent.height.min(60)));
+        let (x, y) = (random.integer(0, extent.width - width), random.integer(0, extent.height - height));
+        let region = Region { x, y, width, height };
+        let (whole, _) = run(all, None);
+        // What the arena still holds must not stand in for what is not computed.
+        run(Features { albedo: Some(Plane::f32(&color, rgb)), ..all }, None);
+        let (found, _) = run(Features::default(), Some(region));
+        for (i, (found, whole)) in found.iter().zip(&whole).enumerate() {
+            let inside = region.contains(i as u32 / 3 % extent.width, i as u32 / 3 / extent.width);
+            assert_eq!(found.to_bits(), if inside { *whole } else { -1.0f32 }.to_bits(), "{region:?}: sample {i}");
+        }
+    }
+    assert_no_validation_messages();
+}
+
+#[test]
+fn without_features_the_bits_are_those_of_constant_ones() {
+    for (width, height) in [(300, 70), (40, 520), (400, 390), (256, 256), (90, 17)] {
+        check_missing(&weights(), Extent::new(width, height), &Options::default());
+    }
+}
+
+/// By Winograd, whose results are no function of the token's surroundings alone; without patches; the wide decoder.
+#[test]
+fn other_networks_without_features() {
+    let stage = |block| StageSpec { encoder_blocks: 1, decoder_blocks: 1, heads: 1, block };
+    let film = |conv| Block::FilmCnn { conv };
+    for (patch, decoder, tile) in [
+        (1, Decoder::Baseline, WinogradTile::F4),
+        (2, Decoder::Symmetric, WinogradTile::F2),
+        (2, Decoder::Baseline, WinogradTile::F4),
+    ] {
+        let arch = Arch {
+            name: format!("patch{patch}"),
+            channels: 8,
+            window: 8,
+            patch,
+            decoder,
+            stages: vec![stage(film(Convolution::Separable)), stage(Block::Jsa)],
+            bottleneck: Bottleneck { blocks: 1, heads: 1, block: Block::ShJsa { ratio: 0.5 } },
+        };
+        let weights = Weights::hashed(&arch, PREPROCESSING, 5).unwrap();
+        let forms =
+            Options { conv: Some(ConvAlgorithm::Winograd(tile)), separable: Some(SeparableForm::Fused), ..KEEPING };
+        for options in [Options::default(), forms] {
+            check_missing(&weights, Extent::new(290, 300), &options);
+        }
+    }
 }

@@ -1,12 +1,13 @@
-//! Whole networks in every form of convolution, against the f64 reference.
+//! Whole networks in every form of convolution, against the f64 reference of the plain forms.
 
 mod common;
 
 use common::case::PREPROCESSING;
 use common::compare::nmse;
 use common::device::{assert_no_validation_messages, device};
-use common::network::crop;
+use common::network::{crop, plan_of};
 use common::planes::TestFrame;
+use vkdenoise::kernels::Call;
 use vkdenoise::kernels::winograd::WinogradTile;
 use vkdenoise::net::{Arch, Block, Convolution, Weights};
 use vkdenoise::plan::{ConvAlgorithm, SeparableForm};
@@ -27,7 +28,7 @@ fn bands_have_the_bits_of_the_whole() {
     separable.stages[0].block = Block::FilmCnn { conv: Convolution::Separable };
     for arch in [Arch::hybrid(), separable, Arch::named("jsa_baseline").unwrap()] {
         let weights = Weights::hashed(&arch, PREPROCESSING, 8).unwrap();
-        let denoised = |max_chain_bytes, region| {
+        let denoised = |frame: &TestFrame, max_chain_bytes, region| {
             let options = Options { max_chain_bytes: Some(max_chain_bytes), ..Options::default() };
             let mut denoiser = Denoiser::new(device(), &weights, &options).unwrap();
             denoiser.set_region(region);
@@ -36,18 +37,20 @@ fn bands_have_the_bits_of_the_whole() {
             let passes = denoiser.pass(extent).unwrap().plan().dispatches.len();
             (output, passes)
         };
-        let (whole, dispatches) = denoised(u64::MAX, None);
+        let (whole, dispatches) = denoised(&frame, u64::MAX, None);
         let sizes: &[u64] = if arch.name == "hybrid" { &[1 << 20, 1 << 22] } else { &[1 << 21] };
         for bytes in sizes {
-            let (banded, more) = denoised(*bytes, None);
+            let (banded, more) = denoised(&frame, *bytes, None);
             assert!(more > dispatches, "{} in bands of {bytes}", arch.name);
             assert!(banded == whole, "{} in bands of {bytes}", arch.name);
         }
         if arch.name != "hybrid" {
             continue;
         }
+        let bare = TestFrame { albedo: None, normal: None, depth: None, ..frame.clone() };
+        assert!(denoised(&bare, 1 << 20, None).0 == denoised(&bare, u64::MAX, None).0, "without features");
         let region = Region { x: 70, y: 200, width: 61, height: 90 };
-        let (part, _) = denoised(1 << 20, Some(region));
+        let (part, _) = denoised(&frame, 1 << 20, Some(region));
         for (i, (part, whole)) in part.iter().zip(&whole).enumerate() {
             let inside = region.contains(i as u32 / 3 % extent.width, i as u32 / 3 / extent.width);
             assert_eq!(*part, if inside { *whole } else { -1.0 });
@@ -64,6 +67,11 @@ fn every_form_is_the_reference() {
     arch.stages[0].block = Block::FilmCnn { conv: Convolution::Separable };
     for arch in [Arch::hybrid(), arch] {
         let weights = Weights::hashed(&arch, PREPROCESSING, 6).unwrap();
+        let plain = plan_of(&weights, frame.extent);
+        let mut reference = Reference::new(&plain, &weights).unwrap();
+        reference.set_frame(&frame.frame(), None, 0.0).unwrap();
+        reference.run();
+        let expected = reference.view(&plain.residual);
         for tile in [WinogradTile::F2, WinogradTile::F4] {
             let options = Options {
                 conv: Some(ConvAlgorithm::Winograd(tile)),
@@ -72,10 +80,10 @@ fn every_form_is_the_reference() {
             };
             let mut denoiser = Denoiser::new(device(), &weights, &options).unwrap();
             let (found, plan) = denoise_and_read(&mut denoiser, &frame.frame(), |plan| plan.residual.buffer).unwrap();
-            let mut reference = Reference::new(&plan, &weights).unwrap();
-            reference.set_frame(&frame.frame(), None, 0.0).unwrap();
-            reference.run();
-            let expected = reference.view(&plan.residual);
+            let ran = |form: fn(&Call) -> bool| plan.dispatches.iter().any(|dispatch| form(&dispatch.call));
+            assert!(
+                ran(|call| matches!(call, Call::Winograd3x3(_))) && ran(|call| matches!(call, Call::Separable3x3(_)))
+            );
             let nmse = nmse(&crop(&found, plan.padded, plan.padded), &crop(&expected, plan.padded, plan.padded));
             println!("{:?} {tile:?}: NMSE {nmse:.1e}", arch.stages[0].block);
             assert!(nmse <= NETWORK_LIMIT, "{tile:?}: NMSE {nmse:.1e}");

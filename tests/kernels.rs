@@ -4,6 +4,7 @@ mod common;
 
 use common::case::{Cases, KERNEL_LIMIT, small_net};
 use vkdenoise::kernels::dense::{Conv3x3, Linear};
+use vkdenoise::kernels::expand::Expand;
 use vkdenoise::kernels::film::{FilmVector, TokenSum};
 use vkdenoise::kernels::maps::{Depthwise3x3, LayerNorm};
 use vkdenoise::kernels::separable::Separable3x3;
@@ -329,4 +330,19 @@ fn film_means_and_vectors() {
         }
         cases.check(&format!("film of multiples of {base}"), KERNEL_LIMIT);
     }
+}
+
+#[test]
+fn expand() {
+    let mut cases = map_cases(8);
+    for channels in [4, 8, 32, 20].repeat(5) {
+        let mut side = || 8 * cases.random.integer(2, 4);
+        let small = (side(), side());
+        let mut more = |side: u32| side + 8 * cases.random.pick(&[0, 1, 2, 5]);
+        let size = (more(small.0), more(small.1));
+        let (src, dst) = (cases.map(small, channels, 3.0), cases.target(size, channels));
+        let tiles = cases.tiles(size);
+        cases.add(Call::Expand(Expand { src, dst, tiles }), dst.buffer);
+    }
+    cases.check("expand", 0.0);
 }

@@ -52,12 +52,21 @@ fn plans_in(extent: Extent, max_block_bytes: u64) -> Vec<(String, Plan)> {
     named.chain(forms.map(|options| (format!("{options:?}"), plan(&graph, extent, &options).unwrap()))).collect()
 }
 
+/// What may run of a plan.
+fn lists(plan: &Plan) -> Vec<&[Dispatch]> {
+    [Some(&plan.dispatches), plan.without_features.as_ref()].into_iter().flatten().map(Vec::as_slice).collect()
+}
+
 #[test]
 fn every_conflict_has_a_barrier_and_every_barrier_a_conflict() {
-    for (name, plan) in plans(Extent::new(200, 120)) {
+    let plans = [plans(Extent::new(200, 120)), plans(Extent::new(600, 120))].concat();
+    assert!(plans.iter().any(|(_, plan)| plan.without_features.is_some()));
+    for (name, plan, list) in
+        plans.iter().flat_map(|(name, plan)| lists(plan).into_iter().map(move |l| (name, plan, l)))
+    {
         let mut since_barrier: Vec<&Dispatch> = Vec::new();
-        for dispatch in &plan.dispatches {
-            let conflicts = since_barrier.iter().any(|earlier| conflict(&plan, earlier, dispatch));
+        for dispatch in list {
+            let conflicts = since_barrier.iter().any(|earlier| conflict(plan, earlier, dispatch));
             assert_eq!(dispatch.barrier, conflicts, "{name}: {}", dispatch.name);
             if dispatch.barrier {
                 since_barrier.clear();
@@ -69,24 +78,33 @@ fn every_conflict_has_a_barrier_and_every_barrier_a_conflict() {
 
 #[test]
 fn what_is_read_was_written_and_not_overwritten() {
-    for (name, plan) in plans_in(Extent::new(130, 257), 1 << 27) {
-        assert!(plan.blocks.iter().all(|bytes| *bytes <= 1 << 27), "{:?}", plan.blocks);
-        // Who wrote last: (block, start, end, buffer).
-        let mut memory: Vec<(usize, u64, u64, BufferId)> = Vec::new();
-        for dispatch in &plan.dispatches {
-            let traffic = dispatch.traffic();
-            for (id, _) in &traffic.reads {
-                for span in spans(&plan, &[(*id, 0)]) {
-                    let owners: Vec<_> =
-                        memory.iter().filter(|m| m.0 == span.0 && m.1 < span.2 && span.1 < m.2).map(|m| m.3).collect();
-                    assert_eq!(owners, [*id], "{name}: {} reads {}", dispatch.name, plan.buffer(*id).name);
-                }
+    // Without features, a frame of the first multiple is as small as can be for some networks.
+    for extent in [Extent::new(130, 257), Extent::new(30, 600)] {
+        for (name, plan) in plans_in(extent, 1 << 27) {
+            assert!(plan.blocks.iter().all(|bytes| *bytes <= 1 << 27), "{:?}", plan.blocks);
+            for list in lists(&plan) {
+                check_memory(&name, &plan, list);
             }
-            for (id, _) in &traffic.writes {
-                for span in spans(&plan, &[(*id, 0)]) {
-                    memory.retain(|m| m.0 != span.0 || m.2 <= span.1 || span.2 <= m.1);
-                    memory.push((span.0, span.1, span.2, *id));
-                }
+        }
+    }
+}
+
+fn check_memory(name: &str, plan: &Plan, list: &[Dispatch]) {
+    // Who wrote last: (block, start, end, buffer).
+    let mut memory: Vec<(usize, u64, u64, BufferId)> = Vec::new();
+    for dispatch in list {
+        let traffic = dispatch.traffic();
+        for (id, _) in &traffic.reads {
+            for span in spans(plan, &[(*id, 0)]) {
+                let owners: Vec<_> =
+                    memory.iter().filter(|m| m.0 == span.0 && m.1 < span.2 && span.1 < m.2).map(|m| m.3).collect();
+                assert_eq!(owners, [*id], "{name}: {} reads {}", dispatch.name, plan.buffer(*id).name);
+            }
+        }
+        for (id, _) in &traffic.writes {
+            for span in spans(plan, &[(*id, 0)]) {
+                memory.retain(|m| m.0 != span.0 || m.2 <= span.1 || span.2 <= m.1);
+                memory.push((span.0, span.1, span.2, *id));
             }
         }
     }
@@ -159,9 +177,9 @@ fn what_does_not_fit_is_an_error() {
 /// The order is the contract's; a missing range would leave a descriptor unwritten.
 #[test]
 fn every_texel_buffer_of_a_contract_has_its_range() {
-    let variants = Variants { cpu: true, images: false, output_half: false };
-    for (name, plan) in plans(Extent::new(128, 128)) {
-        for dispatch in &plan.dispatches {
+    let variants = Variants { cpu: true, matrix: false, images: false, output_half: false };
+    for (name, plan) in plans(Extent::new(600, 128)) {
+        for dispatch in lists(&plan).concat() {
             let kernel = dispatch.call.kernel();
             let bindings = kernel.contract(variants).bindings.iter();
             let buffers = bindings.filter(|binding| binding.ty == BindingType::TexelBuffer).count();

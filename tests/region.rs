@@ -10,7 +10,9 @@ use vkdenoise::kernels::{Call, Tiles};
 use vkdenoise::net::graph::{Graph, Stage};
 use vkdenoise::net::{Arch, Block, Bottleneck, Decoder, StageSpec};
 use vkdenoise::plan::{ConvAlgorithm, Plan, PlanOptions, SeparableForm, plan};
-use vkdenoise::{Denoiser, Error, Extent, Features, Frame, Layout, Options, Plane, PlaneMut, Region, Weights};
+use vkdenoise::{
+    Denoiser, Error, Extent, Features, Frame, Layout, Options, Plane, PlaneMut, Precision, Region, Weights,
+};
 
 /// In one piece: bands compute their borders twice, whichever part is wanted.
 fn hybrid(extent: Extent) -> Plan {
@@ -131,6 +133,16 @@ fn check_rectangles(weights: &Weights, options: &Options, extent: Extent, seed: 
 #[test]
 fn rectangles_of_a_small_frame_have_the_bits_of_the_whole() {
     check_rectangles(&Weights::hybrid().unwrap(), &Options::default(), Extent::new(300, 211), 1, &[Stage::Output]);
+}
+
+#[test]
+fn rectangles_on_matrices_have_the_bits_of_the_whole() {
+    if !device().has_matrices() {
+        println!("not tested: the device has no cooperative matrices");
+        return;
+    }
+    let options = Options { precision: Precision::Matrix, ..Options::default() };
+    check_rectangles(&Weights::hybrid().unwrap(), &options, Extent::new(300, 211), 5, &[Stage::Output]);
 }
 
 /// Winograd's results depend on where its tiles begin.

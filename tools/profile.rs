@@ -54,9 +54,9 @@ fn main() -> ExitCode {
 
 fn run(command: Command) -> Result<(), Failure> {
     match command {
-        Command::Network { arch, size, conv, separable, common, output } => {
-            let options =
-                Options { conv: conv.map(Into::into), separable: separable.map(Into::into), ..Options::default() };
+        Command::Network { arch, size, conv, separable, precision, common, output } => {
+            let (conv, separable) = (conv.map(Into::into), separable.map(Into::into));
+            let options = Options { precision, conv, separable, ..Options::default() };
             network::network(&Session::open(&common)?, &arch, size, &options, &output)
         }
         Command::Conv { size, channels, common, output } => {

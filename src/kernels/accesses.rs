@@ -1,8 +1,11 @@
 //! How often a kernel's invocations ask for memory, counted from the loops of its shader: what caches have to serve, where
 //! [`super::Traffic`] is what memory has to.
 
+mod matrix;
+
 use super::contract::Contract;
 use super::dense::{Conv3x3, Linear};
+use super::expand::Expand;
 use super::film::{FilmVector, TokenSum};
 use super::maps::{Depthwise3x3, LayerNorm};
 use super::separable::Separable3x3;
@@ -46,6 +49,8 @@ impl Call {
     pub fn accesses(&self, variants: Variants) -> Option<Accesses> {
         let contract = self.kernel().contract(variants);
         Some(match self {
+            Self::Conv3x3(k) if contract.needs_matrix() => matrix::conv3x3(k),
+            Self::Linear(k) if contract.needs_matrix() => matrix::linear(k),
             Self::Conv3x3(k) => conv3x3(k, contract),
             Self::Winograd3x3(k) => winograd3x3(k, contract),
             Self::Linear(k) => linear(k, contract),
@@ -53,6 +58,7 @@ impl Call {
             Self::Separable3x3(k) => separable3x3(k, contract),
             Self::LayerNorm(k) => layer_norm(k),
             Self::WindowAttention(k) => window_attention(k),
+            Self::Expand(k) => expand(k),
             Self::TokenSum(k) => token_sum(k),
             Self::FilmVector(k) => film_vector(k),
             Self::StatsClear(_)
@@ -175,6 +181,12 @@ fn window_attention(call: &WindowAttention) -> Accesses {
         shared_loads: windows * (rows * 128 + tasks * (64 * 4 + 4)),
         shared_stores: windows * (scores * 16 + rows * 65),
     }
+}
+
+fn expand(call: &Expand) -> Accesses {
+    let tokens = u64::from(call.tiles.count(call.dst.width, call.dst.height)) * u64::from(TILE * TILE);
+    let vectors = u64::from(call.dst.channels / 4);
+    Accesses::each(tokens, vectors, vectors)
 }
 
 fn token_sum(call: &TokenSum) -> Accesses {

@@ -129,6 +129,11 @@ impl Contract {
         self.defines.iter().any(|(key, _)| *key == name)
     }
 
+    /// Whether it runs on cooperative matrices.
+    pub fn needs_matrix(&self) -> bool {
+        self.needs.contains(&Need::Matrix)
+    }
+
     /// The kernel that it is a variant of: the name of its shader.
     pub fn kernel(&self) -> &'static str {
         self.source.trim_end_matches(".comp")

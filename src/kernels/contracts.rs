@@ -82,6 +82,15 @@ push_constants! {
 }
 
 push_constants! {
+    /// A small map made large.
+    ExpandPush {
+        src: Address, dst: Address, tiles: Address,
+        src_width: U32, src_height: U32, width: U32, height: U32, src_stride: U32, dst_stride: U32, channels: U32,
+        first_tile: U32, tile_count: U32, flags: U32,
+    }
+}
+
+push_constants! {
     /// Zeroes a histogram.
     StatsClearPush { histogram: Address, count: U32, unused: U32 }
 }
@@ -192,6 +201,7 @@ const SEPARABLE_TEXELS: &[Binding] = &[
     Binding { name: "depthwise_texels", ty: BindingType::TexelBuffer },
 ];
 const MAP_TEXELS: &[Binding] = &[SRC_TEXELS, WEIGHTS_TEXELS];
+const SRC_ONLY_TEXELS: &[Binding] = &[SRC_TEXELS];
 const ATTENTION_TEXELS: &[Binding] = &[
     Binding { name: "x_texels", ty: BindingType::TexelBuffer },
     Binding { name: "f_texels", ty: BindingType::TexelBuffer },
@@ -265,6 +275,12 @@ contracts! {
     /// The same for CPU drivers.
     LINEAR_CPU = "linear_cpu" "linear.comp" LinearPush
         { "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_SHARED": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU;
+    /// Convolution on cooperative matrices, stride 1.
+    CONV3X3_MATRIX = "conv3x3_matrix" "conv3x3_matrix.comp" Conv3x3Push { "STRIDE": "1" } &[], MATRIX, MATRIX_CONSTANTS;
+    /// Convolution on cooperative matrices, stride 2.
+    CONV3X3_S2_MATRIX = "conv3x3_s2_matrix" "conv3x3_matrix.comp" Conv3x3Push { "STRIDE": "2" } &[], MATRIX, MATRIX_CONSTANTS;
+    /// Pointwise convolution on cooperative matrices.
+    LINEAR_MATRIX = "linear_matrix" "linear_matrix.comp" LinearPush {} &[], MATRIX, MATRIX_CONSTANTS;
     /// Depthwise convolution.
     DEPTHWISE3X3 = "depthwise3x3" "depthwise3x3.comp" Depthwise3x3Push { "TX": "4", "TY": "2" } &[], &[];
     /// The same for CPU drivers.
@@ -279,6 +295,10 @@ contracts! {
     /// The same for CPU drivers.
     WINDOW_ATTENTION_CPU = "window_attention_cpu" "window_attention.comp" WindowAttentionPush
         { "TEXELS": "1" } ATTENTION_TEXELS, CPU;
+    /// A small map made large.
+    EXPAND = "expand" "expand.comp" ExpandPush {} &[], &[];
+    /// The same for CPU drivers.
+    EXPAND_CPU = "expand_cpu" "expand.comp" ExpandPush { "TEXELS": "1" } SRC_ONLY_TEXELS, CPU;
     /// Partial sums of tokens.
     TOKEN_SUM = "token_sum" "token_sum.comp" TokenSumPush {} &[], &[];
     /// FiLM vectors.

@@ -49,14 +49,22 @@ impl Conv3x3 {
     }
 }
 
-/// Pixels and channels of one workgroup of 64 invocations.
-fn dense_groups(tiles: u32, channels: u32, tile_channels: u32, pixels_per_invocation: u32) -> [u32; 3] {
-    let tiles_per_group = pixels_per_invocation; // 64 invocations * p pixels / 64 pixels a tile
+/// Workgroups for tiles and channels. A workgroup has 64 invocations of so many tokens each as the variant defines, or
+/// subgroups of one tile each.
+pub(super) fn dense_groups(tiles: u32, channels: u32, tile_channels: u32, contract: &Contract) -> [u32; 3] {
+    let tiles_per_group = if contract.needs_matrix() {
+        contracts::MATRIX_SUBGROUPS
+    } else {
+        (contract.define("TX") * contract.define("TY")) as u32
+    };
     groups(tiles.div_ceil(tiles_per_group), channels.div_ceil(tile_channels))
 }
 
 impl Kernel for Conv3x3 {
     fn contract(&self, variants: Variants) -> &'static Contract {
+        if let Some(contract) = matrix_contract(self, variants) {
+            return contract;
+        }
         match (conv_tile_channels(self.channels) == NARROW_CHANNELS, self.stride, variants.cpu) {
             (true, _, true) => &contracts::CONV3X3_N4_CPU,
             (true, _, false) => &contracts::CONV3X3_N4,
@@ -70,8 +78,7 @@ impl Kernel for Conv3x3 {
     fn groups(&self, variants: Variants) -> [u32; 3] {
         let (width, height) = self.result_size();
         let tile_channels = conv_tile_channels(self.channels);
-        let pixels = if variants.cpu || tile_channels == NARROW_CHANNELS { 8 } else { 4 };
-        dense_groups(self.tiles.count(width, height), self.channels, tile_channels, pixels)
+        dense_groups(self.tiles.count(width, height), self.channels, tile_channels, self.contract(variants))
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {
@@ -129,6 +136,12 @@ impl Conv3x3 {
     }
 }
 
+/// The variant of a convolution on cooperative matrices, where there is one: to more channels than a narrow one has.
+fn matrix_contract(conv: &Conv3x3, variants: Variants) -> Option<&'static Contract> {
+    let wide = variants.matrix && conv_tile_channels(conv.channels) != NARROW_CHANNELS;
+    wide.then_some(if conv.stride == 2 { &contracts::CONV3X3_S2_MATRIX } else { &contracts::CONV3X3_MATRIX })
+}
+
 /// `act(film(W [src | src_b] + bias) + residual)` for every token.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Linear {
@@ -162,12 +175,16 @@ impl Linear {
 
 impl Kernel for Linear {
     fn contract(&self, variants: Variants) -> &'static Contract {
-        if variants.cpu { &contracts::LINEAR_CPU } else { &contracts::LINEAR }
+        match variants {
+            Variants { matrix: true, .. } => &contracts::LINEAR_MATRIX,
+            Variants { cpu: true, .. } => &contracts::LINEAR_CPU,
+            _ => &contracts::LINEAR,
+        }
     }
 
     fn groups(&self, variants: Variants) -> [u32; 3] {
         let tiles = self.tiles.count(self.dst.width, self.dst.height);
-        dense_groups(tiles, self.dst.channels, TILE_CHANNELS, if variants.cpu { 8 } else { 4 })
+        dense_groups(tiles, self.dst.channels, TILE_CHANNELS, self.contract(variants))
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {

@@ -8,6 +8,7 @@ mod accesses;
 pub mod contract;
 pub mod contracts;
 pub mod dense;
+pub mod expand;
 pub mod film;
 pub mod frame_io;
 pub mod maps;
@@ -173,6 +174,13 @@ pub struct Traffic {
     pub writes: Vec<(BufferId, u64)>,
 }
 
+impl Traffic {
+    /// Whether a buffer is read or written.
+    pub fn touches(&self, buffer: BufferId) -> bool {
+        self.reads.iter().chain(&self.writes).any(|(id, _)| *id == buffer)
+    }
+}
+
 /// What a kernel reads of a plan's buffer through a texel buffer: from `offset` to the buffer's end, four elements a texel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TexelRange {
@@ -201,6 +209,8 @@ impl From<BufferId> for TexelRange {
 pub struct Variants {
     /// Kernels shaped for CPU drivers, on which loads cost more than arithmetic.
     pub cpu: bool,
+    /// Dense kernels on cooperative matrices, before those for CPU drivers.
+    pub matrix: bool,
     /// The frame's planes are images instead of buffers.
     pub images: bool,
     /// The output's samples are halves.
@@ -266,6 +276,8 @@ pub enum Call {
     LayerNorm(maps::LayerNorm),
     /// Joint window attention.
     WindowAttention(window_attention::WindowAttention),
+    /// A small map made large.
+    Expand(expand::Expand),
     /// Partial sums over tokens.
     TokenSum(film::TokenSum),
     /// FiLM vectors from partial sums.
@@ -304,11 +316,30 @@ impl Call {
             Self::Depthwise3x3(k) => of(&k.tiles, &k.dst),
             Self::LayerNorm(k) => of(&k.tiles, &k.dst),
             Self::WindowAttention(k) => of(&k.tiles, &k.dst),
+            Self::Expand(k) => of(&k.tiles, &k.dst),
             Self::InputColor(k) => of(&k.tiles, &k.dst),
             Self::InputAux(k) => of(&k.tiles, &k.dst),
             Self::Output(k) => Some((k.tiles, k.width, k.height)),
             _ => None,
         }
+    }
+
+    /// The tiles that it works on; `None` for kernels without tiles.
+    pub fn tiles_mut(&mut self) -> Option<&mut Tiles> {
+        Some(match self {
+            Self::Conv3x3(k) => &mut k.tiles,
+            Self::Winograd3x3(k) => &mut k.conv.tiles,
+            Self::Separable3x3(k) => &mut k.pointwise.tiles,
+            Self::Linear(k) => &mut k.tiles,
+            Self::Depthwise3x3(k) => &mut k.tiles,
+            Self::LayerNorm(k) => &mut k.tiles,
+            Self::WindowAttention(k) => &mut k.tiles,
+            Self::Expand(k) => &mut k.tiles,
+            Self::InputColor(k) => &mut k.tiles,
+            Self::InputAux(k) => &mut k.tiles,
+            Self::Output(k) => &mut k.tiles,
+            _ => return None,
+        })
     }
 
     /// The map that it writes; `None` for kernels that write none.
@@ -320,6 +351,7 @@ impl Call {
             Self::Linear(k) => Some(&k.dst),
             Self::Depthwise3x3(k) => Some(&k.dst),
             Self::LayerNorm(k) => Some(&k.dst),
+            Self::Expand(k) => Some(&k.dst),
             Self::WindowAttention(k) => Some(&k.dst),
             Self::InputColor(k) => Some(&k.dst),
             Self::InputAux(k) => Some(&k.dst),
@@ -337,6 +369,7 @@ impl Call {
             Self::Separable3x3(k) => k,
             Self::LayerNorm(k) => k,
             Self::WindowAttention(k) => k,
+            Self::Expand(k) => k,
             Self::TokenSum(k) => k,
             Self::FilmVector(k) => k,
             Self::StatsClear(k) => k,

@@ -2,7 +2,7 @@
 
 use super::contract::Contract;
 use super::contracts::{self, Separable3x3Push};
-use super::dense::{Linear, TILE_CHANNELS, dense_texels};
+use super::dense::{Linear, TILE_CHANNELS, dense_groups, dense_texels};
 use super::maps::Depthwise3x3;
 use super::{Addresses, Kernel, PushBytes, TexelRange, Traffic, Variants, activation_flag};
 
@@ -22,7 +22,8 @@ impl Kernel for Separable3x3 {
     }
 
     fn groups(&self, variants: Variants) -> [u32; 3] {
-        self.pointwise.groups(variants)
+        let Linear { tiles, dst, .. } = &self.pointwise;
+        dense_groups(tiles.count(dst.width, dst.height), dst.channels, TILE_CHANNELS, self.contract(variants))
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {

@@ -141,7 +141,7 @@ impl Tiles {
     /// The first token of a rectangle, as `x | y << 16` in half tiles.
     pub(super) fn first(&self) -> u32 {
         match self {
-            Self::Rect(rect) => rect.x / HALF_TILE | (rect.y / HALF_TILE) << 16,
+            Self::Rect(rect) => (rect.x / HALF_TILE) | ((rect.y / HALF_TILE) << 16),
             _ => 0,
         }
     }

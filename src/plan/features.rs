@@ -34,8 +34,8 @@ pub fn mark(dispatches: &mut [Dispatch], is_weights: impl Fn(BufferId) -> bool) 
 }
 
 /// The buffers of features that other dispatches read: what must be kept for these to run alone.
-pub fn kept(dispatches: &[Dispatch]) -> Vec<BufferId> {
-    let (of_features, others): (Vec<_>, Vec<_>) = dispatches.iter().partition(|dispatch| dispatch.of_features);
+pub fn kept<'a>(dispatches: impl Iterator<Item = &'a Dispatch>) -> Vec<BufferId> {
+    let (of_features, others): (Vec<_>, Vec<_>) = dispatches.partition(|dispatch| dispatch.of_features);
     let written: HashSet<BufferId> = of_features.iter().flat_map(|d| d.traffic().writes).map(|(id, _)| id).collect();
     let read: HashSet<BufferId> = others.iter().flat_map(|d| d.traffic().reads).map(|(id, _)| id).collect();
     let mut kept: Vec<_> = written.intersection(&read).copied().collect();

@@ -3,6 +3,7 @@
 use super::arena::{self, Request};
 use super::bands::Band;
 use super::choices::PlanOptions;
+use super::featureless::{self, For};
 use super::pack::Pack;
 use super::{Buffer, Dispatch, Place, Plan, features, hazards};
 use crate::error::{Error, Result};
@@ -70,7 +71,7 @@ pub(super) struct Lowering<'a> {
     pub extent: Extent,
     pub padded: Extent,
     buffers: Vec<Buffer>,
-    dispatches: Vec<Dispatch>,
+    pub dispatches: Vec<Dispatch>,
     /// The band that operations are lowered for, where a chain of them runs band by band.
     pub band: Option<Band>,
     /// Buffer of every value that has one.
@@ -181,7 +182,9 @@ impl<'a> Lowering<'a> {
             call,
             barrier: false,
             flops,
+            band: 0,
             of_features: false,
+            of_depth: false,
             skipped: false,
         });
     }
@@ -221,6 +224,9 @@ impl<'a> Lowering<'a> {
         ] {
             self.push(name, Stage::Input, 0, call);
         }
+        for dispatch in &mut self.dispatches {
+            dispatch.of_depth = dispatch.traffic().touches(depths);
+        }
     }
 
     fn frame_out(&mut self) {
@@ -253,13 +259,15 @@ impl<'a> Lowering<'a> {
         let options = self.options;
         let buffers = &self.buffers;
         features::mark(&mut self.dispatches, |id| matches!(buffers[id.0].place, Place::Weights { .. }));
+        let multiple = self.graph.arch.pad_multiple();
+        let merged = featureless::merge(std::mem::take(&mut self.dispatches), &mut self.buffers, self.padded, multiple);
         let kept = match options.keep_features {
-            true => [kept, &features::kept(&self.dispatches)].concat(),
+            true => [kept, &features::kept(merged.iter().map(|(dispatch, _)| dispatch))].concat(),
             false => kept.to_vec(),
         };
-        let end = self.dispatches.len();
+        let end = merged.len();
         let mut times: Vec<Option<(usize, usize)>> = vec![None; self.buffers.len()];
-        for (at, dispatch) in self.dispatches.iter().enumerate() {
+        for (at, (dispatch, _)) in merged.iter().enumerate() {
             let traffic = dispatch.traffic();
             for (id, _) in traffic.reads.iter().chain(&traffic.writes) {
                 let time = times[id.0].get_or_insert((at, at));
@@ -282,7 +290,15 @@ impl<'a> Lowering<'a> {
         for (&i, (block, offset)) in in_arena.iter().zip(placements) {
             self.buffers[i].place = Place::Arena { block, offset };
         }
-        hazards::mark(&mut self.dispatches, &self.buffers);
+        let dispatches_for = |other: For| {
+            let mut chosen: Vec<_> =
+                merged.iter().filter(|(_, frames)| *frames != other).map(|(dispatch, _)| dispatch.clone()).collect();
+            hazards::mark(&mut chosen, &self.buffers);
+            chosen
+        };
+        let differs = merged.iter().any(|(_, frames)| *frames == For::NoFeatures);
+        let (dispatches, without_features) =
+            (dispatches_for(For::NoFeatures), differs.then(|| dispatches_for(For::Features)));
         Ok(Plan {
             extent: self.extent,
             padded: self.padded,
@@ -290,7 +306,8 @@ impl<'a> Lowering<'a> {
             aux: self.whole(self.graph.aux),
             residual: self.whole(self.graph.residual),
             buffers: self.buffers,
-            dispatches: self.dispatches,
+            dispatches,
+            without_features,
             blocks,
             weights_bytes: self.weights_bytes,
             stats: self.stats,

@@ -4,6 +4,7 @@
 mod arena;
 mod bands;
 mod choices;
+mod featureless;
 mod features;
 mod hazards;
 mod lower;
@@ -65,8 +66,12 @@ pub struct Dispatch {
     pub barrier: bool,
     /// Multiplications and additions of the network's own channels ([`crate::net::cost`]).
     pub flops: u64,
+    /// Which band of the frame's rows it works on, where it is one of a chain that runs band by band; else 0.
+    pub band: u32,
     /// Whether it depends on albedo, normal and depth alone.
     pub of_features: bool,
+    /// Whether it serves the depth plane alone, and is left out where there is none.
+    pub of_depth: bool,
     /// Whether it is left out of this frame. It keeps its place in the list, and its barrier holds for what comes next.
     pub skipped: bool,
 }
@@ -83,6 +88,34 @@ impl Dispatch {
     }
 }
 
+/// Which features a frame has.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Present {
+    /// Albedo.
+    pub albedo: bool,
+    /// Normal.
+    pub normal: bool,
+    /// Depth.
+    pub depth: bool,
+}
+
+impl Present {
+    /// Whether there is one at least.
+    pub fn any(self) -> bool {
+        self.albedo || self.normal || self.depth
+    }
+}
+
+/// Leaves out what serves the depth plane alone.
+pub(crate) fn skip_depth(dispatches: &mut [Dispatch]) {
+    dispatches.iter_mut().filter(|dispatch| dispatch.of_depth).for_each(Dispatch::skip);
+}
+
+/// Leaves out what depends on the features alone: the last frame's are kept.
+pub(crate) fn skip_features(dispatches: &mut [Dispatch]) {
+    dispatches.iter_mut().filter(|dispatch| dispatch.of_features).for_each(Dispatch::skip);
+}
+
 /// A forward pass.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Plan {
@@ -94,6 +127,8 @@ pub struct Plan {
     pub buffers: Vec<Buffer>,
     /// What runs, in order.
     pub dispatches: Vec<Dispatch>,
+    /// What runs in place of it for a frame without albedo, normal and depth, with the same bits; `None`: nothing else.
+    pub without_features: Option<Vec<Dispatch>>,
     /// Bytes of each block of the arena.
     pub blocks: Vec<u64>,
     /// Bytes of all packed weights.
@@ -116,12 +151,12 @@ impl Plan {
         &self.buffers[id.0]
     }
 
-    /// The dispatches for a frame whose features are those of the last: without what depends on them alone. Only for a plan
-    /// that keeps it.
-    pub fn with_kept_features(&self, mut dispatches: Vec<Dispatch>) -> Vec<Dispatch> {
-        debug_assert!(self.keeps_features);
-        dispatches.iter_mut().filter(|dispatch| dispatch.of_features).for_each(Dispatch::skip);
-        dispatches
+    /// The dispatches for a frame with these features, whole.
+    pub fn for_features(&self, features: Present) -> &[Dispatch] {
+        match &self.without_features {
+            Some(dispatches) if !features.any() => dispatches,
+            _ => &self.dispatches,
+        }
     }
 
     /// Device memory of arena and weights, in bytes.

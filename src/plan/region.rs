@@ -22,6 +22,12 @@ impl Plan {
     /// what depends on the features alone, that is the whole frame's: the next frame may want another region.
     pub fn of_region(&self, region: Region) -> Vec<Dispatch> {
         let mut dispatches = self.dispatches.clone();
+        self.restrict_to(region, &mut dispatches);
+        dispatches
+    }
+
+    /// The same for other dispatches of this plan.
+    pub(crate) fn restrict_to(&self, region: Region, dispatches: &mut [Dispatch]) {
         let mut needed = Needed::default();
         for dispatch in dispatches.iter_mut().rev() {
             if self.keeps_features && dispatch.of_features {
@@ -40,7 +46,6 @@ impl Plan {
                 }
             }
         }
-        dispatches
     }
 }
 
@@ -150,6 +155,11 @@ fn restrict(call: &mut Call, needed: &mut Needed) {
             attention.tiles = cover(rect, attention.dst.width, attention.dst.height);
             needed.add(&attention.x, rect);
             needed.add(&attention.f, rect);
+        }
+        Call::Expand(expand) => {
+            if !needed.narrow(&expand.dst, &mut expand.tiles).is_empty() {
+                needed.add_all(&expand.src);
+            }
         }
         Call::InputColor(input) => _ = needed.narrow(&input.dst, &mut input.tiles),
         Call::InputAux(input) => _ = needed.narrow(&input.dst, &mut input.tiles),

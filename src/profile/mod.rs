@@ -44,7 +44,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 /// Timestamps around the dispatches of a pass, in slots. `Send` and `Sync`; it must outlive the recorded commands.
 pub struct Profiler {
     timestamps: Timestamps,
-    /// Of the pass.
+    /// The most that the pass records.
     dispatches: usize,
     /// By slot: what was recorded last.
     recorded: Mutex<Vec<Option<Recorded>>>,
@@ -63,7 +63,7 @@ impl Profiler {
     /// [`Error::Unsupported`] where kernels cannot be timed ([`crate::Device::has_timestamps`]);
     /// [`Error::InvalidOption`]; [`Error::Vulkan`].
     pub fn new(pass: &Pass, slots: u32) -> Result<Self> {
-        let dispatches = pass.plan().dispatches.len();
+        let dispatches = pass.max_dispatches();
         let count = slots.checked_mul(2 * dispatches as u32).filter(|&count| count > 0);
         let count = count.ok_or_else(|| Error::InvalidOption {
             option: "slots",
@@ -86,7 +86,7 @@ impl Profiler {
         else {
             return Ok(None);
         };
-        let times = self.timestamps.read(self.first(slot), self.count())?;
+        let times = self.timestamps.read(self.first(slot), 2 * recorded.dispatches.len() as u32)?;
         Ok(times.map(|times| {
             let dispatches = recorded.dispatches.iter().zip(times.chunks_exact(2));
             dispatches
@@ -97,7 +97,7 @@ impl Profiler {
 
     /// The timestamps of a slot, to be recorded with kernels of these variants.
     pub(crate) fn begin(&self, slot: u32, dispatches: &[Dispatch], variants: Variants) -> Result<(&Timestamps, u32)> {
-        if dispatches.len() != self.dispatches {
+        if dispatches.len() > self.dispatches {
             return Err(Error::Binding("the profiler was made for another pass".into()));
         }
         let recorded = Recorded { dispatches: dispatches.into(), variants };

@@ -16,8 +16,12 @@ pub struct KernelRecord {
     pub kernel: &'static str,
     /// The variant of it that ran, e.g. `conv3x3_s2_cpu`.
     pub variant: &'static str,
+    /// Whether it runs on cooperative matrices, whose rate is its roof then.
+    pub matrix: bool,
     /// Size of the result and channels.
     pub shape: Shape,
+    /// Whether it was left out, as nothing depended on it or its result was known; it then has no FLOPs, groups or bytes.
+    pub skipped: bool,
     /// Workgroups.
     pub groups: [u32; 3],
     /// Multiplications and additions of the network's own channels, as [`crate::net::cost`] counts them: what the op
@@ -48,7 +52,9 @@ impl KernelRecord {
             stage: dispatch.stage,
             kernel: contract.kernel(),
             variant: contract.name,
+            matrix: contract.needs_matrix(),
             shape: Shape::of(&dispatch.call),
+            skipped: dispatch.skipped,
             groups: if dispatch.skipped { [0; 3] } else { kernel.groups(variants) },
             flops: dispatch.flops,
             bytes_read: bytes(&traffic.reads),

@@ -79,6 +79,11 @@ impl Roof {
     pub fn at(&self, intensity: f64) -> f64 {
         self.flops_f32.min(intensity * self.bytes_f32)
     }
+
+    /// The same of products on cooperative matrices between maps of 32-bit floats; as [`Roof::at`] where there are none.
+    pub fn of_matrices_at(&self, intensity: f64) -> f64 {
+        self.flops_matrix.unwrap_or(self.flops_f32).min(intensity * self.bytes_f32)
+    }
 }
 
 /// Where and how it is measured.

@@ -42,6 +42,7 @@ impl Shape {
             Call::Depthwise3x3(k) => between(&k.src, &k.dst),
             Call::LayerNorm(k) => between(&k.src, &k.dst),
             Call::WindowAttention(k) => of(k.dst.width, k.dst.height, k.x.channels + k.f.channels, k.dst.channels),
+            Call::Expand(k) => between(&k.src, &k.dst),
             Call::TokenSum(k) => of(k.real_width, k.real_height, k.src.channels, k.src.channels),
             Call::FilmVector(k) => of(1, 1, k.channels, k.outputs),
             Call::StatsClear(_) => of(1, 1, 0, 1),

@@ -260,7 +260,7 @@ mod tests {
         for (x, y) in (0..144).map(|i| (i % 12, i / 12)) {
             let expected = match (x, y) {
                 (1, 1) | (6 | 7, 1) => 1.0,
-                (6 | 8, 5) => f64::from(7.0 + 2e3) / 8.0,
+                (6 | 8, 5) => (7.0 + 2e3) / 8.0,
                 _ => f64::from(lit(x, y)),
             };
             assert_eq!(frame.mended(x, y, 1.0), [expected; 3], "{x}, {y}");

@@ -5,6 +5,7 @@
 //! packing or a lost digit of the device shows as a difference. Values never written are NaN.
 
 mod dense;
+mod expand;
 mod film;
 mod frame_io;
 mod map;
@@ -134,6 +135,7 @@ impl<'a> Reference<'a> {
             Call::Separable3x3(k) => separable::separable3x3(self, k),
             Call::LayerNorm(k) => maps::layer_norm(self, k),
             Call::WindowAttention(k) => window_attention::window_attention(self, k),
+            Call::Expand(k) => expand::expand(self, k),
             Call::TokenSum(k) => film::token_sum(self, k),
             Call::FilmVector(k) => film::film_vector(self, k),
             Call::StatsClear(k) => stats::clear(self, k),

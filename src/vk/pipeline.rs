@@ -3,7 +3,7 @@
 use super::Checked;
 use super::device::Device;
 use crate::error::Result;
-use crate::kernels::contract::{BindingType, Contract, Need};
+use crate::kernels::contract::{BindingType, Contract};
 use ash::vk;
 
 /// A compiled kernel. Destroyed when dropped.
@@ -66,7 +66,7 @@ impl Pipeline {
             .module(module)
             .specialization_info(&constants)
             .name(c"main");
-        if let Some(shape) = device.caps().matrix.filter(|_| contract.needs.contains(&Need::Matrix)) {
+        if let Some(shape) = device.caps().matrix.filter(|_| contract.needs_matrix()) {
             size.required_subgroup_size = shape.subgroup;
             stage = stage.flags(vk::PipelineShaderStageCreateFlags::REQUIRE_FULL_SUBGROUPS).push_next(&mut size);
         }

@@ -35,11 +35,17 @@ pub fn small_net(channels: u32, bottleneck: Block) -> Weights {
     Weights::hashed(&arch, PREPROCESSING, 3).unwrap()
 }
 
-/// The variants to run: with weights handed round in the subgroup, if the device can, and without.
+/// What a kernel on matrices of halves may be wrong by. Rounding to a half changes a factor by at most 2^-11 of itself, in the
+/// mean square over all of them by 2^-11 / sqrt(6); errors of two independent factors add up to a third of 2^-22, and cancel
+/// in a sum as its terms do.
+pub const MATRIX_LIMIT: f64 = 1.0 / (1u64 << 22) as f64;
+
+/// The variants to run: the portable one; with weights handed round in the subgroup, and on matrices, if the device can.
 pub fn variants() -> Vec<Variants> {
-    let plain = Variants { cpu: false, images: false, output_half: false };
-    let both = [plain, Variants { cpu: true, ..plain }];
-    both.into_iter().filter(|v| !v.cpu || Bench::can_run_cpu_kernels(device())).collect()
+    let plain = Variants { cpu: false, matrix: false, images: false, output_half: false };
+    let all = [plain, Variants { cpu: true, ..plain }, Variants { matrix: true, ..plain }];
+    let can = |v: &Variants| (!v.cpu || Bench::can_run_cpu_kernels(device())) && (!v.matrix || device().has_matrices());
+    all.into_iter().filter(can).collect()
 }
 
 /// Makes the buffers on a bench, in order, and fills those of weights.
@@ -170,6 +176,10 @@ impl Cases {
     pub fn check(&self, name: &str, limit: f64) {
         let expected = self.reference();
         for variants in variants() {
+            let on_matrices = |call: &Call| call.kernel().contract(variants).needs_matrix();
+            if variants.matrix && !self.cases.iter().any(|(call, _)| on_matrices(call)) {
+                continue;
+            }
             let mut bench = Bench::new(device(), variants).unwrap();
             make_buffers(&mut bench, &self.buffers, &self.weights);
             let calls: Vec<Call> = self.cases.iter().map(|(call, _)| call.clone()).collect();
@@ -191,6 +201,7 @@ impl Cases {
             for (case, (call, result)) in self.cases.iter().enumerate() {
                 let nmse = compare(&after[result.0], &expected[case])
                     .unwrap_or_else(|wrong| panic!("{name} {variants:?}: {wrong} in {call:?}"));
+                let limit = if on_matrices(call) { MATRIX_LIMIT } else { limit };
                 assert!(nmse <= limit, "{name} {variants:?}: NMSE {nmse:.1e} in {call:?}");
                 worst = worst.max(nmse);
             }
@@ -202,7 +213,15 @@ impl Cases {
             for (_, result) in &self.cases {
                 assert!(self.bits(&bench, *result) == after[result.0], "{name}: another run, other bits");
             }
-            println!("{name}, broadcast {}: {} cases, NMSE {worst:.1e}", variants.cpu, self.cases.len());
+            let kind = match variants {
+                Variants { matrix: true, .. } => "on matrices",
+                Variants { cpu: true, .. } => "for CPU drivers",
+                _ => "portable",
+            };
+            println!("{name}, {kind}: {} cases, NMSE {worst:.1e}", self.cases.len());
+        }
+        if !device().has_matrices() {
+            println!("{name}: the device has no cooperative matrices, their kernels are not tested");
         }
         assert_no_validation_messages();
     }

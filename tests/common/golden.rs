@@ -1,5 +1,6 @@
 //! Golden vectors: what PyTorch computes, by `tools/train/vkdn/golden.py`.
 
+use super::planes::{TestFrame, TestPlane};
 use safetensors::{Dtype, SafeTensors};
 use std::collections::HashMap;
 use vkdenoise::frame::Extent;
@@ -11,9 +12,10 @@ pub struct Golden {
 }
 
 impl Golden {
-    /// Reads `tests/data/<name>`.
+    /// Reads `<name>` in `tests/data`, or in the folder that `VKDENOISE_GOLDEN` names.
     pub fn read(name: &str) -> Self {
-        let path = format!("{}/tests/data/{name}", env!("CARGO_MANIFEST_DIR"));
+        let own = || format!("{}/tests/data", env!("CARGO_MANIFEST_DIR"));
+        let path = format!("{}/{name}", std::env::var("VKDENOISE_GOLDEN").unwrap_or_else(|_| own()));
         let bytes = std::fs::read(&path).unwrap_or_else(|error| panic!("{path}: {error}"));
         let (_, header) = SafeTensors::read_metadata(&bytes).unwrap();
         let file = SafeTensors::deserialize(&bytes).unwrap();
@@ -38,6 +40,21 @@ impl Golden {
     pub fn extent(&self, name: &str) -> Extent {
         let shape = &self.tensors[name].0;
         Extent::new(shape[1] as u32, shape[0] as u32)
+    }
+
+    /// The planes of the crop that `prefix` names, as a frame.
+    pub fn frame(&self, prefix: &str) -> TestFrame {
+        let extent = self.extent(&format!("{prefix}color"));
+        let plane = |name: &str, channels| {
+            TestPlane::packed(extent, channels, self.tensor(&format!("{prefix}{name}")).to_vec())
+        };
+        TestFrame {
+            extent,
+            color: plane("color", 3),
+            albedo: Some(plane("albedo", 3)),
+            normal: Some(plane("normal", 3)),
+            depth: Some(plane("depth", 1)),
+        }
     }
 
     /// A number of the metadata.

@@ -45,8 +45,8 @@ pub struct Args {
     #[arg(long, value_name = "D", value_parser = parsed::<DeviceSelector>)]
     pub device: Option<DeviceSelector>,
 
-    /// Arithmetic: auto or fp32
-    #[arg(long, value_name = "P", default_value = "auto", value_parser = parsed::<Precision>)]
+    /// Arithmetic: auto, fp32, or matrix (halves in cooperative matrices, where the device has them)
+    #[arg(long, value_name = "P", env = "VKDENOISE_PRECISION", default_value = "auto", value_parser = parsed::<Precision>)]
     pub precision: Precision,
 
     /// Factor that brings the image to normal brightness, or "auto". Give one for a sequence, lest it flicker

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use vkdenoise::kernels::winograd::WinogradTile;
 use vkdenoise::net::Arch;
 use vkdenoise::plan::{ConvAlgorithm, SeparableForm};
-use vkdenoise::{DeviceSelector, Extent};
+use vkdenoise::{DeviceSelector, Extent, Precision};
 
 /// Where the time goes: networks, blocks and convolutions, kernel by kernel, by timestamps in the command buffer.
 ///
@@ -36,6 +36,9 @@ pub enum Command {
         /// How depthwise-separable convolutions are computed; as suits the device where it is left out
         #[arg(long, value_name = "F")]
         separable: Option<Separable>,
+        /// Arithmetic: "auto" (as suits the device), "fp32" or "matrix" (dense convolutions on cooperative matrices)
+        #[arg(long, value_name = "P", env = "VKDENOISE_PRECISION", default_value = "auto", value_parser = precision)]
+        precision: Precision,
         #[command(flatten)]
         common: Common,
         #[command(flatten)]
@@ -160,6 +163,10 @@ pub struct Output {
     /// Draw the kernels under the roofline
     #[arg(long, value_name = "FILE.svg")]
     pub plot: Option<PathBuf>,
+}
+
+fn precision(text: &str) -> Result<Precision, String> {
+    text.parse().map_err(|error: vkdenoise::Error| error.to_string())
 }
 
 /// `512x256`, or one number for a square.

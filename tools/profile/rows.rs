@@ -12,6 +12,8 @@ pub struct Row {
     pub layer: String,
     pub kernel: String,
     pub variant: String,
+    /// On cooperative matrices; of a sum: all of it.
+    pub matrix: bool,
     pub shape: String,
     pub groups: u64,
     pub microseconds: Summary,
@@ -41,7 +43,8 @@ impl Row {
         self.flop_per_byte = self.gflop * 1e9 / bytes.max(1.0);
         self.percent_of_roof = 100.0
             * if self.gflop > 0.0 {
-                self.gflop_per_second * 1e9 / roof.at(self.flop_per_byte)
+                let at = if self.matrix { Roof::of_matrices_at } else { Roof::at };
+                self.gflop_per_second * 1e9 / at(roof, self.flop_per_byte)
             } else {
                 self.gb_per_second * 1e9 / roof.bytes_f32
             };
@@ -60,6 +63,7 @@ pub fn rows(runs: &[Vec<KernelRecord>], roof: &Roof) -> Vec<Row> {
         layer: record.name.clone(),
         kernel: record.kernel.into(),
         variant: record.variant.into(),
+        matrix: record.matrix,
         shape: record.shape.to_string(),
         groups: record.groups.iter().map(|&n| u64::from(n)).product(),
         microseconds,
@@ -88,6 +92,7 @@ pub fn sums(rows: &[Row], roof: &Roof, key: impl Fn(&Row) -> &str) -> Vec<Row> {
             continue;
         };
         sum.groups += row.groups;
+        sum.matrix &= row.matrix;
         sum.microseconds.median += row.microseconds.median;
         sum.microseconds.min += row.microseconds.min;
         // Of independent parts; theirs may be less so.

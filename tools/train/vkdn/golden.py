@@ -1,7 +1,7 @@
 """Golden vectors: what PyTorch says a network computes, for the tests of other implementations.
 
     python -m vkdn.golden shipped WEIGHTS FRAME.exr OUT     the shipped weights on two crops of a real frame
-    python -m vkdn.golden random FRAME.exr OUT [--arch N]   hash weights (see hashweights.py), one crop, all networks
+    python -m vkdn.golden random FRAME.exr OUT [--arch N] [--crop C]   hash weights (see hashweights.py), all networks
 
 Weights are the float16 ones, the arithmetic is float64, results are float32. A crop counts as a whole frame: exposure and
 depth scale are its own and stand in the metadata as decimal strings. Tensors, per case prefix ("square", "odd" or, for
@@ -68,7 +68,7 @@ def shipped(args):
 
 
 def random(args):
-    case = Case(read_planes(args.frame), CROPS["odd"])
+    case = Case(read_planes(args.frame), CROPS[args.crop])
     tensors = case.tensors()
     for name in args.arch or ARCHITECTURES:
         arch = ARCHITECTURES[name]
@@ -87,6 +87,7 @@ def main():
     one.set_defaults(run=shipped)
     two = commands.add_parser("random")
     two.add_argument("--arch", action="append", choices=ARCHITECTURES, help="may be repeated; default: all ten")
+    two.add_argument("--crop", choices=CROPS, default="odd", help="square: 128x128, odd: 45x70, which the networks pad")
     two.add_argument("--seed", type=int, default=1)
     two.set_defaults(run=random)
     for command in (one, two):

@@ -1,0 +1,82 @@
+//! A small map made large.
+
+use super::contract::Contract;
+use super::contracts::{self, ExpandPush};
+use super::{Addresses, HALF_TILE, Kernel, PushBytes, TexelRange, Tiles, Traffic, Variants, View, groups};
+
+/// Repeats the middle of a map whose middle is all alike, half tile by half tile; its borders stay at the borders.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Expand {
+    /// The small map.
+    pub src: View,
+    /// The large one, of as many channels and no smaller on either side.
+    pub dst: View,
+    /// Tiles of the large map.
+    pub tiles: Tiles,
+}
+
+impl Expand {
+    /// Where position `i` of `size` comes from among `small`. What repeats are the [`HALF_TILE`] positions from `small / 2`
+    /// on.
+    pub fn source_of(i: u32, size: u32, small: u32) -> u32 {
+        let middle = small / 2;
+        if i < middle || size == small {
+            i
+        } else if size - i <= small - middle - HALF_TILE {
+            small - (size - i)
+        } else {
+            middle + (i - middle) % HALF_TILE
+        }
+    }
+}
+
+impl Kernel for Expand {
+    fn contract(&self, variants: Variants) -> &'static Contract {
+        if variants.cpu { &contracts::EXPAND_CPU } else { &contracts::EXPAND }
+    }
+
+    fn groups(&self, _: Variants) -> [u32; 3] {
+        groups(self.tiles.count(self.dst.width, self.dst.height), 1)
+    }
+
+    fn push(&self, at: &Addresses) -> PushBytes {
+        PushBytes::new(&ExpandPush {
+            src: at.view(&self.src),
+            dst: at.view(&self.dst),
+            tiles: at.tiles(&self.tiles),
+            src_width: self.src.width,
+            src_height: self.src.height,
+            width: self.dst.width,
+            height: self.dst.height,
+            src_stride: self.src.stride / 4,
+            dst_stride: self.dst.stride / 4,
+            channels: self.dst.channels / 4,
+            first_tile: self.tiles.first(),
+            tile_count: self.tiles.count(self.dst.width, self.dst.height),
+            flags: self.tiles.flags(self.dst.width),
+        })
+    }
+
+    fn texels(&self) -> Vec<TexelRange> {
+        vec![(&self.src).into()]
+    }
+
+    fn traffic(&self) -> Traffic {
+        Traffic { reads: vec![(self.src.buffer, self.src.bytes())], writes: vec![(self.dst.buffer, self.dst.bytes())] }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn borders_stay_and_the_middle_repeats() {
+        let sources: Vec<_> = (0..32).map(|i| Expand::source_of(i, 32, 16)).collect();
+        assert_eq!(sources[..8], [0, 1, 2, 3, 4, 5, 6, 7]);
+        assert_eq!(sources[8..28], [8, 9, 10, 11].repeat(5));
+        assert_eq!(sources[28..], [12, 13, 14, 15]);
+        assert!((0..16).all(|i| Expand::source_of(i, 16, 16) == i));
+        assert!((0..8).all(|i| Expand::source_of(i, 8, 8) == i));
+    }
+}

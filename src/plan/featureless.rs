@@ -1,0 +1,204 @@
+//! Frames without albedo, normal and depth. Their features are the same at every pixel, so all that is computed of them is
+//! the same at every token, but for the borders, where convolutions read zeros. It is enough to compute a small frame's and
+//! to repeat its middle.
+
+use super::{Buffer, Dispatch, Place};
+use crate::frame::Extent;
+use crate::kernels::dense::Conv3x3;
+use crate::kernels::expand::Expand;
+use crate::kernels::{BufferId, Call, HALF_TILE, Shuffle, Tiles, View};
+use std::collections::{HashMap, HashSet};
+
+/// Which frames a dispatch is for.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum For {
+    /// All.
+    Every,
+    /// Those with a feature at least.
+    Features,
+    /// Those without.
+    NoFeatures,
+}
+
+/// Adds to the dispatches of a frame those of one without features, of which some stand for some of the others. The
+/// dispatches are those of a frame padded to `padded`, a multiple of `multiple`, and know which of them depend on features
+/// alone. New buffers are appended.
+pub fn merge(
+    dispatches: Vec<Dispatch>,
+    buffers: &mut Vec<Buffer>,
+    padded: Extent,
+    multiple: u32,
+) -> Vec<(Dispatch, For)> {
+    let chain = chain(&dispatches);
+    let small = small_size(&dispatches, &chain, padded, multiple);
+    let Some(small) = small.filter(|_| is_complete(&dispatches, &chain)) else {
+        return dispatches.into_iter().map(|dispatch| (dispatch, For::Every)).collect();
+    };
+    let mut maker = Maker { padded, small, buffers, copies: HashMap::new() };
+    let others = || dispatches.iter().zip(&chain).filter(|(_, part)| !**part).map(|(dispatch, _)| dispatch);
+    let read: HashSet<BufferId> = others().flat_map(|d| d.traffic().reads).map(|(id, _)| id).collect();
+    // The small maps come all before the large ones, so that they share their memory.
+    let (mut copies, mut rest) = (Vec::new(), Vec::new());
+    let first = chain.iter().position(|part| *part).unwrap_or_default();
+    for (dispatch, part) in dispatches.iter().zip(&chain) {
+        if !part {
+            rest.push((dispatch.clone(), For::Every));
+            continue;
+        }
+        rest.push((dispatch.clone(), For::Features));
+        if dispatch.band > 0 {
+            continue; // The small map is one band.
+        }
+        let mut copy = dispatch.clone();
+        for_views(&mut copy.call, |view, written| {
+            let small = maker.small(view);
+            if written && read.contains(&view.buffer) {
+                let call = Call::Expand(Expand { src: small, dst: maker.whole(view), tiles: Tiles::All });
+                rest.push((Dispatch { call, flops: 0, ..dispatch.clone() }, For::NoFeatures));
+            }
+            *view = small;
+        });
+        if let Call::InputAux(input) = &mut copy.call {
+            (input.width, input.height) = (small.width, small.height);
+        }
+        if let (Some((tiles, width, height)), Some(own)) = (dispatch.call.tiles(), copy.call.tiles_mut()) {
+            *own = Tiles::All;
+            let before = u64::from(tiles.count(width, height)).max(1);
+            let now = copy.call.tiles().map_or(0, |(tiles, width, height)| tiles.count(width, height));
+            copy.flops = dispatch.flops * u64::from(now) / before;
+        }
+        copies.push((copy, For::NoFeatures));
+    }
+    rest.splice(first..first, copies);
+    rest
+}
+
+/// The dispatches of features that a convolution of features follows, with these: what comes after is no work to speak of.
+fn chain(dispatches: &[Dispatch]) -> Vec<bool> {
+    let mut read: HashSet<BufferId> = HashSet::new();
+    let mut chain = vec![false; dispatches.len()];
+    for (dispatch, part) in dispatches.iter().zip(&mut chain).rev() {
+        let has_map = !views(&dispatch.call).is_empty();
+        let traffic = dispatch.traffic();
+        let feeds = traffic.writes.iter().any(|(id, _)| read.contains(id));
+        let spatial = matches!(
+            dispatch.call,
+            Call::Conv3x3(_) | Call::Winograd3x3(_) | Call::Depthwise3x3(_) | Call::Separable3x3(_)
+        );
+        *part = dispatch.of_features && has_map && (feeds || spatial);
+        if *part {
+            read.extend(traffic.reads.iter().map(|(id, _)| *id));
+        }
+    }
+    chain
+}
+
+/// Whether every map that the chain reads is one that it writes.
+fn is_complete(dispatches: &[Dispatch], chain: &[bool]) -> bool {
+    let parts = || dispatches.iter().zip(chain).filter(|(_, part)| **part).flat_map(|(d, _)| views(&d.call));
+    let written: HashSet<BufferId> = parts().filter(|(_, written)| *written).map(|(view, _)| view.buffer).collect();
+    parts().all(|(view, _)| written.contains(&view.buffer))
+}
+
+/// The least frame whose maps all have a half tile in the middle that no border reaches; `None` where it is no smaller.
+fn small_size(dispatches: &[Dispatch], chain: &[bool], padded: Extent, multiple: u32) -> Option<Extent> {
+    let mut margins: HashMap<BufferId, u32> = HashMap::new();
+    let mut least = 0;
+    for (dispatch, _) in dispatches.iter().zip(chain).filter(|(_, part)| **part) {
+        let views = views(&dispatch.call);
+        let of = |view: &View| margins.get(&view.buffer).copied().unwrap_or(0);
+        let read = views.iter().filter(|(_, written)| !written).map(|(view, _)| of(view)).max().unwrap_or(0);
+        let reached = match &dispatch.call {
+            Call::Conv3x3(conv) => conv_margin(conv, read),
+            Call::Winograd3x3(winograd) => conv_margin(&winograd.conv, read),
+            Call::Depthwise3x3(_) | Call::Separable3x3(_) => read + 1,
+            _ => read,
+        };
+        for (view, _) in views.iter().filter(|(_, written)| *written) {
+            let margin = margins.entry(view.buffer).or_default();
+            *margin = (*margin).max(reached);
+            // The half tile from the middle on, and the margins on both sides of it.
+            let stride = padded.width / view.width;
+            least = least.max(2 * (*margin + HALF_TILE) * stride);
+        }
+    }
+    let least = if least == 0 { u32::MAX } else { least.next_multiple_of(multiple) };
+    let small = Extent::new(padded.width.min(least), padded.height.min(least));
+    (small != padded).then_some(small)
+}
+
+/// How far from the border a convolution's result feels it, where its source feels it for `read` tokens.
+fn conv_margin(conv: &Conv3x3, read: u32) -> u32 {
+    let own = (read + 1).div_ceil(conv.stride);
+    match conv.shuffle {
+        Shuffle::None => own,
+        Shuffle::Shuffle => 2 * own,
+        Shuffle::Unshuffle => own.div_ceil(2),
+    }
+}
+
+/// Makes small copies of maps.
+struct Maker<'a> {
+    padded: Extent,
+    small: Extent,
+    buffers: &'a mut Vec<Buffer>,
+    copies: HashMap<BufferId, BufferId>,
+}
+
+impl Maker<'_> {
+    /// The same channels of the small map, all of its rows.
+    fn small(&mut self, view: &View) -> View {
+        let stride = self.padded.width / view.width;
+        let (width, height) = (self.small.width / stride, self.small.height / stride);
+        let buffer = *self.copies.entry(view.buffer).or_insert_with(|| {
+            let name = format!("{}.small", self.buffers[view.buffer.0].name);
+            let bytes = u64::from(width) * u64::from(height) * u64::from(view.stride) * view.storage.bytes();
+            self.buffers.push(Buffer {
+                name,
+                bytes,
+                storage: view.storage,
+                place: Place::Arena { block: 0, offset: 0 },
+            });
+            BufferId(self.buffers.len() - 1)
+        });
+        View { buffer, width, height, top: 0, ..*view }
+    }
+
+    /// The same channels of the whole map.
+    fn whole(&self, view: &View) -> View {
+        View { height: self.padded.height / (self.padded.width / view.width), top: 0, ..*view }
+    }
+}
+
+/// The maps of a call that works on features, each with whether it is written. None of any other call.
+fn for_views(call: &mut Call, mut each: impl FnMut(&mut View, bool)) {
+    match call {
+        Call::InputAux(k) => each(&mut k.dst, true),
+        Call::Linear(k) => {
+            each(&mut k.src, false);
+            k.src_b.iter_mut().chain(&mut k.residual).for_each(|view| each(view, false));
+            each(&mut k.dst, true);
+        }
+        Call::Depthwise3x3(k) => {
+            each(&mut k.src, false);
+            each(&mut k.dst, true);
+        }
+        Call::Separable3x3(k) => {
+            each(&mut k.depthwise.src, false);
+            k.pointwise.residual.iter_mut().for_each(|view| each(view, false));
+            each(&mut k.pointwise.dst, true);
+        }
+        Call::Conv3x3(conv) | Call::Winograd3x3(crate::kernels::winograd::Winograd3x3 { conv, .. }) => {
+            each(&mut conv.src, false);
+            conv.residual.iter_mut().for_each(|view| each(view, false));
+            each(&mut conv.dst, true);
+        }
+        _ => {}
+    }
+}
+
+fn views(call: &Call) -> Vec<(View, bool)> {
+    let mut found = Vec::new();
+    for_views(&mut call.clone(), |view, written| found.push((*view, written)));
+    found
+}

@@ -1,0 +1,118 @@
+//! Whole networks on cooperative matrices: how far from the f64 reference, the same bits every run, a choice of the caller's.
+//! They run where the device has matrices (`tools/lavapipe-matrix` brings a driver that does), and say so where not.
+
+mod common;
+
+use common::case::PREPROCESSING;
+use common::compare::nmse;
+use common::device::{assert_no_validation_messages, device};
+use common::golden::Golden;
+use common::network::{crop, plan_of};
+use common::planes::TestFrame;
+use vkdenoise::metrics::Comparison;
+use vkdenoise::net::{Arch, Weights};
+use vkdenoise::reference::Reference;
+use vkdenoise::testing::denoise_and_read;
+use vkdenoise::{Denoiser, DeviceKind, Error, Extent, Layout, Options, PlaneMut, Precision};
+
+/// What rounding factors to halves may cost a whole pass.
+const LEAST_DB: f64 = 60.0;
+/// The same of the residual, as NMSE, where the weights are random.
+const RANDOM_LIMIT: f64 = 1e-4;
+
+fn on_matrices() -> Options {
+    Options { precision: Precision::Matrix, ..Options::default() }
+}
+
+fn has_matrices() -> bool {
+    let has = device().has_matrices();
+    if !has {
+        println!("not tested: the device has no cooperative matrices");
+    }
+    has
+}
+
+/// Tone-mapped dB of the output to the reference's, and NMSE of the residual.
+fn errors(frame: &TestFrame, weights: &Weights) -> (f64, f64) {
+    let plan = plan_of(weights, frame.extent);
+    let mut reference = Reference::new(&plan, weights).unwrap();
+    reference.set_frame(&frame.frame(), None, 0.0).unwrap();
+    reference.run();
+    let mut denoiser = Denoiser::new(device(), weights, &on_matrices()).unwrap();
+    assert_eq!(denoiser.precision(), Precision::Matrix);
+    let mut output = vec![0.0; 3 * frame.extent.pixels() as usize];
+    let plane = PlaneMut::f32(&mut output, Layout::interleaved(frame.extent, 3));
+    let report = denoiser.denoise(&frame.frame(), plane).unwrap();
+    let expected: Vec<f32> = reference.output().iter().map(|&v| v as f32).collect();
+    let db = Comparison::new(frame.extent, &output, &expected).unwrap().tone_mapped_db(report.exposure);
+    let (residual, _) = denoise_and_read(&mut denoiser, &frame.frame(), |plan| plan.residual.buffer).unwrap();
+    let expected = crop(&reference.view(&plan.residual), plan.padded, plan.padded);
+    (db, nmse(&crop(&residual, plan.padded, plan.padded), &expected))
+}
+
+#[test]
+fn the_shipped_network_is_close_to_the_reference() {
+    if !has_matrices() {
+        return;
+    }
+    let golden = Golden::read("golden_hybrid.safetensors");
+    for prefix in ["square.", "odd."] {
+        let (db, residual) = errors(&golden.frame(prefix), &Weights::hybrid().unwrap());
+        println!("shipped weights, {prefix} {db:.1} dB, NMSE of the residual {residual:.1e}");
+        assert!(db >= LEAST_DB, "{prefix} {db:.1} dB");
+    }
+    assert_no_validation_messages();
+}
+
+/// Random weights, with joint scores that span +-5 and every branch worth a tenth of its block: attention turns small errors
+/// of its scores into large ones of its result, in all of them and not in a few windows as trained weights do.
+/// `VKDENOISE_NETWORKS=all` runs all ten, which takes minutes, instead of the most and a little sensitive one.
+#[test]
+fn every_network_runs_on_matrices() {
+    if !has_matrices() {
+        return;
+    }
+    let golden = Golden::read("golden_random.safetensors");
+    let all = std::env::var("VKDENOISE_NETWORKS").is_ok_and(|which| which == "all");
+    for name in Arch::NAMES.into_iter().filter(|name| all || ["shsa_050", "hybrid"].contains(name)) {
+        let weights = Weights::hashed(&Arch::named(name).unwrap(), PREPROCESSING, 1).unwrap();
+        let (db, residual) = errors(&golden.frame(""), &weights);
+        println!("{name}: {db:.1} dB, NMSE of the residual {residual:.1e}");
+        assert!(residual <= RANDOM_LIMIT, "{name}: NMSE {residual:.1e}");
+    }
+    assert_no_validation_messages();
+}
+
+#[test]
+fn matrices_are_asked_for() {
+    let weights = Weights::hybrid().unwrap();
+    let denoiser = |precision| Denoiser::new(device(), &weights, &Options { precision, ..Options::default() });
+    assert_eq!(denoiser(Precision::F32).unwrap().precision(), Precision::F32);
+    let expected = match (device().has_matrices(), device().info().kind) {
+        (true, kind) if kind != DeviceKind::Cpu => Precision::Matrix,
+        _ => Precision::F32,
+    };
+    assert_eq!(denoiser(Precision::Auto).unwrap().precision(), expected);
+    match denoiser(Precision::Matrix) {
+        Ok(denoiser) => assert!(device().has_matrices() && denoiser.precision() == Precision::Matrix),
+        Err(Error::Unsupported { missing, .. }) => {
+            assert!(!device().has_matrices() && missing.contains("VK_KHR_cooperative_matrix"), "{missing}");
+        }
+        Err(other) => panic!("{other}"),
+    }
+    assert_eq!("matrix".parse::<Precision>().unwrap().to_string(), "matrix");
+}
+
+#[test]
+fn another_run_has_the_same_bits() {
+    if !has_matrices() {
+        return;
+    }
+    let frame = TestFrame::random(Extent::new(150, 70), 3);
+    let weights = Weights::hybrid().unwrap();
+    let mut denoiser = Denoiser::new(device(), &weights, &on_matrices()).unwrap();
+    let mut run = || denoise_and_read(&mut denoiser, &frame.frame(), |plan| plan.residual.buffer).unwrap().0;
+    let first = run();
+    assert!(first.iter().zip(run()).all(|(a, b)| a.to_bits() == b.to_bits()));
+    assert_no_validation_messages();
+}
