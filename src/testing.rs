@@ -118,6 +118,7 @@ impl Bench {
             call: call.clone(),
             barrier: true,
             flops: 0,
+            band: 0,
             of_features: false,
             of_depth: false,
             skipped: false,

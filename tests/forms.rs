@@ -28,7 +28,7 @@ fn bands_have_the_bits_of_the_whole() {
     separable.stages[0].block = Block::FilmCnn { conv: Convolution::Separable };
     for arch in [Arch::hybrid(), separable, Arch::named("jsa_baseline").unwrap()] {
         let weights = Weights::hashed(&arch, PREPROCESSING, 8).unwrap();
-        let denoised = |max_chain_bytes, region| {
+        let denoised = |frame: &TestFrame, max_chain_bytes, region| {
             let options = Options { max_chain_bytes: Some(max_chain_bytes), ..Options::default() };
             let mut denoiser = Denoiser::new(device(), &weights, &options).unwrap();
             denoiser.set_region(region);
@@ -37,18 +37,20 @@ fn bands_have_the_bits_of_the_whole() {
             let passes = denoiser.pass(extent).unwrap().plan().dispatches.len();
             (output, passes)
         };
-        let (whole, dispatches) = denoised(u64::MAX, None);
+        let (whole, dispatches) = denoised(&frame, u64::MAX, None);
         let sizes: &[u64] = if arch.name == "hybrid" { &[1 << 20, 1 << 22] } else { &[1 << 21] };
         for bytes in sizes {
-            let (banded, more) = denoised(*bytes, None);
+            let (banded, more) = denoised(&frame, *bytes, None);
             assert!(more > dispatches, "{} in bands of {bytes}", arch.name);
             assert!(banded == whole, "{} in bands of {bytes}", arch.name);
         }
         if arch.name != "hybrid" {
             continue;
         }
+        let bare = TestFrame { albedo: None, normal: None, depth: None, ..frame.clone() };
+        assert!(denoised(&bare, 1 << 20, None).0 == denoised(&bare, u64::MAX, None).0, "without features");
         let region = Region { x: 70, y: 200, width: 61, height: 90 };
-        let (part, _) = denoised(1 << 20, Some(region));
+        let (part, _) = denoised(&frame, 1 << 20, Some(region));
         for (i, (part, whole)) in part.iter().zip(&whole).enumerate() {
             let inside = region.contains(i as u32 / 3 % extent.width, i as u32 / 3 / extent.width);
             assert_eq!(*part, if inside { *whole } else { -1.0 });

@@ -324,6 +324,24 @@ impl Call {
         }
     }
 
+    /// The tiles that it works on; `None` for kernels without tiles.
+    pub fn tiles_mut(&mut self) -> Option<&mut Tiles> {
+        Some(match self {
+            Self::Conv3x3(k) => &mut k.tiles,
+            Self::Winograd3x3(k) => &mut k.conv.tiles,
+            Self::Separable3x3(k) => &mut k.pointwise.tiles,
+            Self::Linear(k) => &mut k.tiles,
+            Self::Depthwise3x3(k) => &mut k.tiles,
+            Self::LayerNorm(k) => &mut k.tiles,
+            Self::WindowAttention(k) => &mut k.tiles,
+            Self::Expand(k) => &mut k.tiles,
+            Self::InputColor(k) => &mut k.tiles,
+            Self::InputAux(k) => &mut k.tiles,
+            Self::Output(k) => &mut k.tiles,
+            _ => return None,
+        })
+    }
+
     /// The map that it writes; `None` for kernels that write none.
     pub fn result(&self) -> Option<&View> {
         match self {
@@ -333,6 +351,7 @@ impl Call {
             Self::Linear(k) => Some(&k.dst),
             Self::Depthwise3x3(k) => Some(&k.dst),
             Self::LayerNorm(k) => Some(&k.dst),
+            Self::Expand(k) => Some(&k.dst),
             Self::WindowAttention(k) => Some(&k.dst),
             Self::InputColor(k) => Some(&k.dst),
             Self::InputAux(k) => Some(&k.dst),

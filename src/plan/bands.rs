@@ -47,13 +47,13 @@ impl Lowering<'_> {
         }
         let rows = (self.padded.height / chain.grain).div_ceil(bands as u32) * chain.grain;
         for (number, first) in (0..self.padded.height).step_by(rows as usize).enumerate() {
-            self.lower_band(&chain, number, (first, (first + rows).min(self.padded.height)));
+            self.lower_band(&chain, number as u32, (first, (first + rows).min(self.padded.height)));
         }
         chain.ops
     }
 
     /// Lowers the chain for the pixel rows `first..end` of its result.
-    fn lower_band(&mut self, chain: &Chain, number: usize, (first, end): (u32, u32)) {
+    fn lower_band(&mut self, chain: &Chain, number: u32, (first, end): (u32, u32)) {
         let top = first.saturating_sub(chain.halo);
         let bottom = (end + chain.halo).min(self.padded.height);
         self.band = Some(Band { top, bottom, locals: chain.locals.clone(), values: HashMap::new() });
@@ -74,6 +74,9 @@ impl Lowering<'_> {
                 u64::from(Tiles::All.count(width, height)) * u64::from(self.padded.height) / u64::from(bottom - top);
             let flops = flops * u64::from(tiles.count(width, height)) / whole.max(1);
             self.push(&format!("{}.band{number}", op.name), op.stage, flops, call);
+            if let Some(dispatch) = self.dispatches.last_mut() {
+                dispatch.band = number;
+            }
         }
     }
 }

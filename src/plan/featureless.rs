@@ -22,7 +22,7 @@ pub enum For {
 
 /// Adds to the dispatches of a frame those of one without features, of which some stand for some of the others. The
 /// dispatches are those of a frame padded to `padded`, a multiple of `multiple`, and know which of them depend on features
-/// alone. New buffers are appended. Frames whose features are computed band by band take the long way.
+/// alone. New buffers are appended.
 pub fn merge(
     dispatches: Vec<Dispatch>,
     buffers: &mut Vec<Buffer>,
@@ -31,7 +31,7 @@ pub fn merge(
 ) -> Vec<(Dispatch, For)> {
     let chain = chain(&dispatches);
     let small = small_size(&dispatches, &chain, padded, multiple);
-    let Some(small) = small.filter(|_| is_complete(&dispatches, &chain, padded)) else {
+    let Some(small) = small.filter(|_| is_complete(&dispatches, &chain)) else {
         return dispatches.into_iter().map(|dispatch| (dispatch, For::Every)).collect();
     };
     let mut maker = Maker { padded, small, buffers, copies: HashMap::new() };
@@ -46,11 +46,14 @@ pub fn merge(
             continue;
         }
         rest.push((dispatch.clone(), For::Features));
+        if dispatch.band > 0 {
+            continue; // The small map is one band.
+        }
         let mut copy = dispatch.clone();
         for_views(&mut copy.call, |view, written| {
             let small = maker.small(view);
             if written && read.contains(&view.buffer) {
-                let call = Call::Expand(Expand { src: small, dst: *view, tiles: Tiles::All });
+                let call = Call::Expand(Expand { src: small, dst: maker.whole(view), tiles: Tiles::All });
                 rest.push((Dispatch { call, flops: 0, ..dispatch.clone() }, For::NoFeatures));
             }
             *view = small;
@@ -58,7 +61,12 @@ pub fn merge(
         if let Call::InputAux(input) = &mut copy.call {
             (input.width, input.height) = (small.width, small.height);
         }
-        copy.flops = dispatch.flops * small.pixels() / padded.pixels();
+        if let (Some((tiles, width, height)), Some(own)) = (dispatch.call.tiles(), copy.call.tiles_mut()) {
+            *own = Tiles::All;
+            let before = u64::from(tiles.count(width, height)).max(1);
+            let now = copy.call.tiles().map_or(0, |(tiles, width, height)| tiles.count(width, height));
+            copy.flops = dispatch.flops * u64::from(now) / before;
+        }
         copies.push((copy, For::NoFeatures));
     }
     rest.splice(first..first, copies);
@@ -85,12 +93,11 @@ fn chain(dispatches: &[Dispatch]) -> Vec<bool> {
     chain
 }
 
-/// Whether the chain works on whole maps, and every one that it reads is one that it writes.
-fn is_complete(dispatches: &[Dispatch], chain: &[bool], padded: Extent) -> bool {
+/// Whether every map that the chain reads is one that it writes.
+fn is_complete(dispatches: &[Dispatch], chain: &[bool]) -> bool {
     let parts = || dispatches.iter().zip(chain).filter(|(_, part)| **part).flat_map(|(d, _)| views(&d.call));
     let written: HashSet<BufferId> = parts().filter(|(_, written)| *written).map(|(view, _)| view.buffer).collect();
-    let is_whole = |view: &View| view.top == 0 && padded.width / view.width == padded.height / view.height;
-    parts().all(|(view, _)| is_whole(&view) && written.contains(&view.buffer))
+    parts().all(|(view, _)| written.contains(&view.buffer))
 }
 
 /// The least frame whose maps all have a half tile in the middle that no border reaches; `None` where it is no smaller.
@@ -139,17 +146,27 @@ struct Maker<'a> {
 }
 
 impl Maker<'_> {
+    /// The same channels of the small map, all of its rows.
     fn small(&mut self, view: &View) -> View {
-        let width = self.small.width / (self.padded.width / view.width);
-        let height = self.small.height / (self.padded.height / view.height);
+        let stride = self.padded.width / view.width;
+        let (width, height) = (self.small.width / stride, self.small.height / stride);
         let buffer = *self.copies.entry(view.buffer).or_insert_with(|| {
             let name = format!("{}.small", self.buffers[view.buffer.0].name);
             let bytes = u64::from(width) * u64::from(height) * u64::from(view.stride) * view.storage.bytes();
-            let place = Place::Arena { block: 0, offset: 0 };
-            self.buffers.push(Buffer { name, bytes, storage: view.storage, place });
+            self.buffers.push(Buffer {
+                name,
+                bytes,
+                storage: view.storage,
+                place: Place::Arena { block: 0, offset: 0 },
+            });
             BufferId(self.buffers.len() - 1)
         });
-        View { buffer, width, height, ..*view }
+        View { buffer, width, height, top: 0, ..*view }
+    }
+
+    /// The same channels of the whole map.
+    fn whole(&self, view: &View) -> View {
+        View { height: self.padded.height / (self.padded.width / view.width), top: 0, ..*view }
     }
 }
 

@@ -71,7 +71,7 @@ pub(super) struct Lowering<'a> {
     pub extent: Extent,
     pub padded: Extent,
     buffers: Vec<Buffer>,
-    dispatches: Vec<Dispatch>,
+    pub dispatches: Vec<Dispatch>,
     /// The band that operations are lowered for, where a chain of them runs band by band.
     pub band: Option<Band>,
     /// Buffer of every value that has one.
@@ -182,6 +182,7 @@ impl<'a> Lowering<'a> {
             call,
             barrier: false,
             flops,
+            band: 0,
             of_features: false,
             of_depth: false,
             skipped: false,

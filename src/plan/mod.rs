@@ -66,6 +66,8 @@ pub struct Dispatch {
     pub barrier: bool,
     /// Multiplications and additions of the network's own channels ([`crate::net::cost`]).
     pub flops: u64,
+    /// Which band of the frame's rows it works on, where it is one of a chain that runs band by band; else 0.
+    pub band: u32,
     /// Whether it depends on albedo, normal and depth alone.
     pub of_features: bool,
     /// Whether it serves the depth plane alone, and is left out where there is none.

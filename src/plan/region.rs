@@ -157,8 +157,7 @@ fn restrict(call: &mut Call, needed: &mut Needed) {
             needed.add(&attention.f, rect);
         }
         Call::Expand(expand) => {
-            let rect = needed.narrow(&expand.dst, &mut expand.tiles);
-            if !rect.is_empty() {
+            if !needed.narrow(&expand.dst, &mut expand.tiles).is_empty() {
                 needed.add_all(&expand.src);
             }
         }
