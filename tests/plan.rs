@@ -5,7 +5,7 @@
 
 use vkdenoise::kernels::contract::BindingType;
 use vkdenoise::kernels::winograd::WinogradTile;
-use vkdenoise::kernels::{BufferId, Call, Variants};
+use vkdenoise::kernels::{BufferId, Call, Tiles, Variants};
 use vkdenoise::net::{Arch, Graph};
 use vkdenoise::plan::{ConvAlgorithm, Dispatch, Place, Plan, PlanOptions, SeparableForm, plan};
 use vkdenoise::{Error, Extent};
@@ -79,13 +79,10 @@ fn every_conflict_has_a_barrier_and_every_barrier_a_conflict() {
 #[test]
 fn what_is_read_was_written_and_not_overwritten() {
     // Without features, a frame of the first multiple is as small as can be for some networks.
-    for extent in [Extent::new(130, 257), Extent::new(30, 600)] {
-        for (name, plan) in plans_in(extent, 1 << 27) {
-            assert!(plan.blocks.iter().all(|bytes| *bytes <= 1 << 27), "{:?}", plan.blocks);
-            for list in lists(&plan) {
-                check_memory(&name, &plan, list);
-            }
-        }
+    let sizes = [Extent::new(130, 257), Extent::new(30, 600)];
+    for (name, plan) in sizes.into_iter().flat_map(|extent| plans_in(extent, 1 << 27)) {
+        assert!(plan.blocks.iter().all(|bytes| *bytes <= 1 << 27), "{:?}", plan.blocks);
+        lists(&plan).into_iter().for_each(|list| check_memory(&name, &plan, list));
     }
 }
 
@@ -184,6 +181,41 @@ fn every_texel_buffer_of_a_contract_has_its_range() {
             let bindings = kernel.contract(variants).bindings.iter();
             let buffers = bindings.filter(|binding| binding.ty == BindingType::TexelBuffer).count();
             assert!(buffers == 0 || kernel.texels().len() == buffers, "{name}: {}", dispatch.name);
+        }
+    }
+}
+
+/// 95 % of the Hybrid's FLOPs, and of every network all that is dense but the last convolution, to three channels.
+#[test]
+fn dense_kernels_have_a_variant_on_matrices() {
+    let variants = Variants { cpu: true, matrix: true, images: false, output_half: false };
+    for (name, plan) in plans(Extent::new(128, 128)) {
+        let (mut on_matrices, mut dense) = (0, 0);
+        for dispatch in &plan.dispatches {
+            let contract = dispatch.call.kernel().contract(variants);
+            let wide = match &dispatch.call {
+                Call::Conv3x3(k) => k.channels > 4,
+                Call::Linear(_) => true,
+                _ => false,
+            };
+            assert_eq!(contract.needs_matrix(), wide, "{name}: {}", dispatch.name);
+            if !wide {
+                continue;
+            }
+            (on_matrices, dense) = (on_matrices + dispatch.flops, dense + 1);
+            if !matches!(dispatch.call.tiles(), Some((Tiles::All, ..))) {
+                continue;
+            }
+            // Nothing is loaded less than once, in vectors of 16 bytes, and everything stored.
+            let (accesses, traffic) = (dispatch.call.accesses(variants).unwrap(), dispatch.traffic());
+            let vectors = |touched: &[(BufferId, u64)]| touched.iter().map(|(_, bytes)| bytes).sum::<u64>() / 16;
+            assert!(accesses.global_loads >= vectors(&traffic.reads), "{name}: {}", dispatch.name);
+            assert!(accesses.global_stores >= vectors(&traffic.writes), "{name}: {}", dispatch.name);
+        }
+        let all = plan.dispatches.iter().map(|d| d.flops).sum::<u64>();
+        println!("{name}: {dense} kernels on matrices, {:.3} of the FLOPs", on_matrices as f64 / all as f64);
+        if name == "hybrid" {
+            assert!((on_matrices as f64 / all as f64 - 0.948).abs() < 1e-3);
         }
     }
 }

@@ -355,7 +355,6 @@ impl Call {
             Self::WindowAttention(k) => Some(&k.dst),
             Self::InputColor(k) => Some(&k.dst),
             Self::InputAux(k) => Some(&k.dst),
-            Self::Expand(k) => Some(&k.dst),
             _ => None,
         }
     }
