@@ -19,7 +19,7 @@ layout(push_constant) uniform Push {
     Target dst;
     Weights weights;      // [bias | packed weights]
     Weights film;         // [gamma | beta] with FLAG_FILM
-    Source residual;      // with FLAG_RESIDUAL
+    Residual residual;    // with FLAG_RESIDUAL
     TileList tiles;       // with FLAG_TILE_LIST
     uint src_width;
     uint src_height;

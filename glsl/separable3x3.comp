@@ -20,7 +20,7 @@ layout(push_constant) uniform Push {
     Target dst;
     Weights weights;      // [bias | packed weights] of the pointwise one
     Weights film;         // [gamma | beta] with FLAG_FILM
-    Source residual;      // with FLAG_RESIDUAL
+    Residual residual;    // with FLAG_RESIDUAL
     Weights depthwise;    // [bias | 9 taps], each of all channels
     TileList tiles;       // with FLAG_TILE_LIST
     uint width;

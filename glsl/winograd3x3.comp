@@ -23,7 +23,7 @@ layout(push_constant) uniform Push {
     Target dst;
     Weights weights;      // [bias | [output / 4][input / 4][point][4 inputs]]
     Weights film;         // [gamma | beta] with FLAG_FILM
-    Source residual;      // with FLAG_RESIDUAL
+    Residual residual;    // with FLAG_RESIDUAL
     TileList tiles;       // with FLAG_TILE_LIST
     uint src_width;
     uint src_height;

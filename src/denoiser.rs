@@ -4,11 +4,10 @@ use crate::engine::{self, Engine};
 use crate::error::{Error, Result};
 use crate::frame::{Extent, Features, Frame, PlaneMut, Region, check_in_place};
 use crate::host::HostPass;
+use crate::kernels::Storage;
 use crate::memory::MemoryRequired;
 use crate::net::weights::Weights;
 use crate::pass::{FrameOptions, Pass};
-#[cfg(doc)]
-use crate::plan::MAX_CHAIN_BYTES;
 use crate::plan::{ConvAlgorithm, SeparableForm};
 use crate::profile::KernelRecord;
 use crate::vk::device::Device;
@@ -27,6 +26,8 @@ pub enum Precision {
     Auto,
     /// 32-bit floats throughout.
     F32,
+    /// Feature maps stored as halves, for half of the memory; arithmetic, log colour and residual are 32-bit floats.
+    F16,
     /// Dense convolutions on cooperative matrices ([`Device::has_matrices`]): their inputs and weights are rounded to halves,
     /// their sums and everything else are 32-bit floats.
     Matrix,
@@ -35,15 +36,16 @@ pub enum Precision {
 impl FromStr for Precision {
     type Err = Error;
 
-    /// `auto`, `fp32` or `matrix`.
+    /// `auto`, `fp32`, `fp16` or `matrix`.
     fn from_str(text: &str) -> Result<Self> {
         match text {
             "auto" => Ok(Self::Auto),
             "fp32" => Ok(Self::F32),
+            "fp16" => Ok(Self::F16),
             "matrix" => Ok(Self::Matrix),
             other => Err(Error::InvalidOption {
                 option: "precision",
-                reason: format!("'{other}'; it can be auto, fp32 or matrix"),
+                reason: format!("'{other}'; it can be auto, fp32, fp16 or matrix"),
             }),
         }
     }
@@ -54,6 +56,7 @@ impl fmt::Display for Precision {
         f.write_str(match self {
             Self::Auto => "auto",
             Self::F32 => "fp32",
+            Self::F16 => "fp16",
             Self::Matrix => "matrix",
         })
     }
@@ -87,7 +90,8 @@ pub struct Options {
     /// more is refused before anything is allocated for it. `None`: what the device has.
     pub memory_budget: Option<u64>,
     /// Bytes that a map between kernels that follow each other may take; where it would take more, they run band by band of
-    /// the frame, which takes less memory and a little more work. The bits stay the same. `None`: [`MAX_CHAIN_BYTES`].
+    /// the frame, which takes less memory and a little more work. The bits stay the same. `None`:
+    /// [`crate::plan::max_chain_bytes`].
     pub max_chain_bytes: Option<u64>,
     /// Whether what depends on albedo, normal and depth alone is kept between frames, for a camera that stands still:
     /// [`FrameOptions::features_unchanged`], [`Denoiser::set_features_unchanged`]. It costs device memory.
@@ -202,7 +206,11 @@ impl Denoiser {
 
     /// The precision in use, never [`Precision::Auto`].
     pub fn precision(&self) -> Precision {
-        if self.engine.matrix { Precision::Matrix } else { Precision::F32 }
+        match (self.engine.matrix, self.engine.plan_options.storage) {
+            (true, _) => Precision::Matrix,
+            (false, Storage::F32) => Precision::F32,
+            (false, Storage::F16) => Precision::F16,
+        }
     }
 
     /// The device.

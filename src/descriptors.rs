@@ -3,7 +3,7 @@
 
 use crate::error::Result;
 use crate::kernels::contract::{BindingType, Contract};
-use crate::kernels::{TexelRange, Variants};
+use crate::kernels::{Storage, TexelRange, Variants};
 use crate::plan::Dispatch;
 use crate::renderer::{ImageFrame, ImagePlane};
 use crate::vk::Checked;
@@ -71,7 +71,7 @@ impl DescriptorSets {
                     BindingType::TexelBuffer => {
                         let Some(range) = ranges.next() else { continue };
                         // SAFETY: the caller vouches for the buffer.
-                        view = [unsafe { made.view((resources.texels)(&range)) }?];
+                        view = [unsafe { made.view((resources.texels)(&range), range.storage) }?];
                         write = write.texel_buffer_view(&view);
                     }
                     BindingType::SampledImage | BindingType::StorageImage => {
@@ -92,16 +92,16 @@ impl DescriptorSets {
         self.sets.get(dispatch).copied().unwrap_or_default()
     }
 
-    /// A view of four floats a texel.
+    /// A view of four elements a texel.
     ///
     /// # Safety
     /// The buffer is valid and of the device.
-    unsafe fn view(&mut self, (buffer, offset, bytes): Location) -> Result<vk::BufferView> {
-        let info = vk::BufferViewCreateInfo::default()
-            .buffer(buffer)
-            .format(vk::Format::R32G32B32A32_SFLOAT)
-            .offset(offset)
-            .range(bytes);
+    unsafe fn view(&mut self, (buffer, offset, bytes): Location, storage: Storage) -> Result<vk::BufferView> {
+        let format = match storage {
+            Storage::F32 => vk::Format::R32G32B32A32_SFLOAT,
+            Storage::F16 => vk::Format::R16G16B16A16_SFLOAT,
+        };
+        let info = vk::BufferViewCreateInfo::default().buffer(buffer).format(format).offset(offset).range(bytes);
         // SAFETY: the caller vouches for the buffer.
         let view = unsafe { self.device.raw().create_buffer_view(&info, None) }.called("vkCreateBufferView")?;
         self.views.push(view);

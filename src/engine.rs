@@ -3,12 +3,12 @@
 use crate::denoiser::{Options, Precision};
 use crate::error::{Error, Result};
 use crate::frame::Extent;
-use crate::kernels::Variants;
 use crate::kernels::contract::Need;
+use crate::kernels::{Storage, Variants};
 use crate::memory;
 use crate::net::graph::Graph;
 use crate::net::weights::{ExposureRule, Weights, WeightsError};
-use crate::plan::{MAX_CHAIN_BYTES, Place, Plan, PlanOptions, plan};
+use crate::plan::{Place, Plan, PlanOptions, max_chain_bytes, plan};
 use crate::record::Pipelines;
 use crate::vk::caps::{DeviceKind, TEXEL_BYTES};
 use crate::vk::device::Device;
@@ -21,7 +21,7 @@ const MAX_BLOCK_BYTES: u64 = 4 << 30;
 pub(crate) struct Engine {
     pub device: Device,
     pub graph: Graph,
-    plan_options: PlanOptions,
+    pub plan_options: PlanOptions,
     pub pipelines: Pipelines,
     pub weights: Buffer,
     pub exposure_rule: ExposureRule,
@@ -35,13 +35,15 @@ pub(crate) struct Engine {
 
 impl Engine {
     pub fn new(device: &Device, weights: &Weights, options: &Options) -> Result<Self> {
+        let storage = wanted_storage(device, options.precision)?;
         let plan_options = PlanOptions {
             max_block_bytes: Self::max_block_bytes(device),
             // No other form is faster on every device measured.
             conv: options.conv.unwrap_or_default(),
             separable: options.separable.unwrap_or_default(),
-            max_chain_bytes: options.max_chain_bytes.unwrap_or(MAX_CHAIN_BYTES),
+            max_chain_bytes: options.max_chain_bytes.unwrap_or(max_chain_bytes(storage)),
             keep_features: options.keep_features,
+            storage,
             ..PlanOptions::default()
         };
         let graph = Graph::new(weights.arch()).map_err(WeightsError::from)?;
@@ -86,7 +88,8 @@ impl Engine {
     pub fn max_block_bytes(device: &Device) -> u64 {
         let caps = device.caps();
         // A kernel that reads a map as texels must reach all of it.
-        let texels = if prefers_cpu_kernels(device) { u64::from(caps.max_texels) * TEXEL_BYTES } else { u64::MAX };
+        // Four halves each, at the least.
+        let texels = if prefers_cpu_kernels(device) { u64::from(caps.max_texels) * TEXEL_BYTES / 2 } else { u64::MAX };
         caps.max_buffer_bytes.min(MAX_BLOCK_BYTES).min(texels)
     }
 
@@ -101,13 +104,33 @@ pub(crate) fn prefers_cpu_kernels(device: &Device) -> bool {
     device.caps().kind == DeviceKind::Cpu && device.caps().meets(Need::CpuDriver)
 }
 
+/// How feature maps are to be stored.
+///
+/// # Errors
+/// [`Error::Unsupported`] where halves are asked for and the device cannot store them.
+pub(crate) fn wanted_storage(device: &Device, precision: Precision) -> Result<Storage> {
+    let has_halves = device.caps().meets(Need::Storage16);
+    match precision {
+        Precision::F32 | Precision::Matrix => Ok(Storage::F32),
+        Precision::F16 if has_halves => Ok(Storage::F16),
+        Precision::F16 => {
+            Err(Error::Unsupported { device: device.info().name.clone(), missing: Need::Storage16.to_string() })
+        }
+        // A CPU gains nothing but memory. The kernels on matrices store 32-bit floats.
+        Precision::Auto => {
+            let gains = device.caps().kind != DeviceKind::Cpu && !wants_matrices(device, precision)?;
+            Ok(if gains && has_halves { Storage::F16 } else { Storage::F32 })
+        }
+    }
+}
+
 /// Whether dense kernels are to run on cooperative matrices.
 ///
 /// # Errors
 /// [`Error::Unsupported`] where they are asked for and the device has none.
 pub(crate) fn wants_matrices(device: &Device, precision: Precision) -> Result<bool> {
     match precision {
-        Precision::F32 => Ok(false),
+        Precision::F32 | Precision::F16 => Ok(false),
         Precision::Matrix if device.has_matrices() => Ok(true),
         Precision::Matrix => {
             Err(Error::Unsupported { device: device.info().name.clone(), missing: Need::Matrix.to_string() })

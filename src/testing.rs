@@ -61,6 +61,11 @@ impl Bench {
         device.caps().meets(Need::CpuDriver)
     }
 
+    /// Whether the device can store maps of halves.
+    pub fn can_store_halves(device: &Device) -> bool {
+        device.caps().meets(Need::Storage16)
+    }
+
     /// A buffer of `bytes` (a multiple of 4), filled with [`SENTINEL`], between guards.
     ///
     /// # Errors

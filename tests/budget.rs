@@ -9,9 +9,11 @@ use common::case::{MATRIX_LIMIT, variants};
 use common::device::{assert_no_validation_messages, device};
 use vkdenoise::exr_io::{ExrFrame, LayerOptions};
 use vkdenoise::kernels::winograd::WinogradTile;
-use vkdenoise::plan::{ConvAlgorithm, PlanOptions};
+use vkdenoise::net::Graph;
+use vkdenoise::plan::{ConvAlgorithm, PlanOptions, plan};
+use vkdenoise::reference::Reference;
 use vkdenoise::testing::Bench;
-use vkdenoise::{Extent, Frame, Weights};
+use vkdenoise::{Denoiser, Extent, Frame, Layout, Options, PlaneMut, Precision, Weights};
 
 /// What the network's residual may be wrong by: NMSE.
 const RESIDUAL_LIMIT: f64 = 1e-9;
@@ -43,5 +45,33 @@ fn every_algorithm_keeps_its_budget_on_a_real_frame() {
         }
         assert_eq!(table::markdown(&lines).lines().count(), lines.len() + 2);
     }
+    assert_no_validation_messages();
+}
+
+/// Feature maps of halves, with the shipped weights on a real frame, against f64: what the eye sees of it, in decibels.
+#[test]
+fn halves_are_exact_to_the_eye() {
+    let path = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/data/teapot_spp0004.exr");
+    let file = ExrFrame::read(path, &LayerOptions::default()).unwrap();
+    let (frame, extent) = (file.frame(), file.frame().extent);
+    let weights = Weights::hybrid().unwrap();
+    let options = Options { precision: Precision::F16, ..Options::default() };
+    let Ok(mut denoiser) = Denoiser::new(device(), &weights, &options) else {
+        return println!("the device cannot store halves");
+    };
+    assert_eq!(denoiser.precision(), Precision::F16);
+    let mut found = vec![0.0; 3 * extent.pixels() as usize];
+    let report = denoiser.denoise(&frame, PlaneMut::f32(&mut found, Layout::interleaved(extent, 3))).unwrap();
+    let graph = Graph::new(weights.arch()).unwrap();
+    let plan = plan(&graph, extent, &PlanOptions::default()).unwrap();
+    let mut reference = Reference::new(&plan, &weights).unwrap();
+    reference.set_frame(&frame, None, 0.0).unwrap();
+    reference.run();
+    let tone = |value: f64| (value * f64::from(report.exposure)).clamp(0.0, 1.0).powf(1.0 / 2.2);
+    let differences = found.iter().zip(reference.output()).map(|(f, r)| tone(f64::from(*f)) - tone(*r));
+    let squares = differences.map(|d| d * d).sum::<f64>() / found.len() as f64;
+    let decibels = -10.0 * squares.log10();
+    println!("{decibels:.1} dB");
+    assert!(decibels >= 60.0, "{decibels:.1} dB");
     assert_no_validation_messages();
 }

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::case::{Cases, KERNEL_LIMIT, small_net};
+use common::case::{Cases, KERNEL_LIMIT, STORAGES, small_net};
 use vkdenoise::kernels::dense::{Conv3x3, Linear};
 use vkdenoise::kernels::expand::Expand;
 use vkdenoise::kernels::film::{FilmVector, TokenSum};
@@ -10,7 +10,7 @@ use vkdenoise::kernels::maps::{Depthwise3x3, LayerNorm};
 use vkdenoise::kernels::separable::Separable3x3;
 use vkdenoise::kernels::window_attention::WindowAttention;
 use vkdenoise::kernels::winograd::{Winograd3x3, WinogradTile};
-use vkdenoise::kernels::{Activation, BufferId, Call, Shuffle, Tiles, View};
+use vkdenoise::kernels::{Activation, BufferId, Call, Shuffle, Storage, Tiles, View};
 use vkdenoise::net::{Block, Convolution, LinearPart, LinearWeight};
 use vkdenoise::plan::pack::Pack;
 
@@ -82,42 +82,51 @@ fn add_conv_by(
 
 #[test]
 fn conv3x3() {
-    let mut cases = dense_cases(1);
-    for _ in 0..4 {
-        for outputs in [1, 3, 4, 8, 20, 32, 36, 64, 100] {
-            let inputs = cases.random.pick(&[3, 4, 7, 12, 32, 40]);
-            add_conv(&mut cases, (inputs, outputs), 1, Shuffle::None);
+    for (storage, limit) in STORAGES {
+        let mut cases = dense_cases(1);
+        cases.storage = storage;
+        for _ in 0..4 {
+            for outputs in [1, 3, 4, 8, 20, 32, 36, 64, 100] {
+                let inputs = cases.random.pick(&[3, 4, 7, 12, 32, 40]);
+                add_conv(&mut cases, (inputs, outputs), 1, Shuffle::None);
+            }
         }
+        cases.check("conv3x3", limit);
     }
-    cases.check("conv3x3", KERNEL_LIMIT);
 }
 
 #[test]
 fn conv3x3_of_stride_2() {
-    let mut cases = dense_cases(2);
-    for _ in 0..3 {
-        for outputs in [12, 32, 44, 64] {
-            let inputs = cases.random.pick(&[3, 4, 12, 32, 36]);
-            add_conv(&mut cases, (inputs, outputs), 2, Shuffle::None);
+    for (storage, limit) in STORAGES {
+        let mut cases = dense_cases(2);
+        cases.storage = storage;
+        for _ in 0..3 {
+            for outputs in [12, 32, 44, 64] {
+                let inputs = cases.random.pick(&[3, 4, 12, 32, 36]);
+                add_conv(&mut cases, (inputs, outputs), 2, Shuffle::None);
+            }
         }
+        cases.check("conv3x3 of stride 2", limit);
     }
-    cases.check("conv3x3 of stride 2", KERNEL_LIMIT);
 }
 
 #[test]
 fn conv3x3_with_shuffles() {
-    let mut cases = dense_cases(3);
-    for _ in 0..3 {
-        for outputs in [4, 8, 16, 20, 32, 48] {
-            let inputs = cases.random.pick(&[4, 8, 12, 32, 36]);
-            add_conv(&mut cases, (inputs, outputs), 1, Shuffle::Unshuffle);
+    for (storage, limit) in STORAGES {
+        let mut cases = dense_cases(3);
+        cases.storage = storage;
+        for _ in 0..3 {
+            for outputs in [4, 8, 16, 20, 32, 48] {
+                let inputs = cases.random.pick(&[4, 8, 12, 32, 36]);
+                add_conv(&mut cases, (inputs, outputs), 1, Shuffle::Unshuffle);
+            }
+            for outputs in [16, 32, 48, 64, 112, 128] {
+                let inputs = cases.random.pick(&[4, 8, 12, 32, 36]);
+                add_conv(&mut cases, (inputs, outputs), 1, Shuffle::Shuffle);
+            }
         }
-        for outputs in [16, 32, 48, 64, 112, 128] {
-            let inputs = cases.random.pick(&[4, 8, 12, 32, 36]);
-            add_conv(&mut cases, (inputs, outputs), 1, Shuffle::Shuffle);
-        }
+        cases.check("conv3x3 with shuffles", limit);
     }
-    cases.check("conv3x3 with shuffles", KERNEL_LIMIT);
 }
 
 /// Every form of convolution by Winograd's filtering.
@@ -151,70 +160,77 @@ fn winograd3x3_of_4x4() {
 
 #[test]
 fn separable3x3() {
-    for base in [8, 24, 40] {
-        let mut cases = map_cases(base);
-        let tensors = [("enc.0.0.ffn", "depthwise", "contract", 4, 1), ("enc.1.0.ffn", "depthwise", "contract", 8, 2)];
-        let conv = ("enc.1.0.conv", "depthwise", "pointwise", 2, 2);
-        for (owner, first, second, inputs, outputs) in [&tensors[..], &[conv]].concat().repeat(3) {
-            let (size, inputs, outputs) = (size(&mut cases, 8), inputs * base, outputs * base);
-            let (src, dst) = (cases.map(size, inputs, 3.0), cases.target(size, outputs));
-            let pack = Pack::Depthwise { weight: format!("{owner}.{first}"), channels: inputs };
-            let tiles = cases.tiles(size);
-            let activation = cases.random.pick(&ACTIVATIONS);
-            // Never stored.
-            let between = View { buffer: src.buffer, first: 0, stride: inputs, channels: inputs, ..dst };
-            let depthwise = Depthwise3x3 { src, dst: between, weights: cases.pack(pack), activation, tiles };
-            let parts = vec![LinearPart { prefix: format!("{owner}.{second}"), outputs }];
-            let pointwise = Linear {
-                src: between,
-                src_b: None,
-                dst,
-                weights: cases.pack(Pack::Linear(LinearWeight { parts, inputs, columns: 0..inputs, bias: true })),
-                film: film(&mut cases, outputs),
-                residual: cases.random.coin().then(|| cases.map(size, outputs, 1.0)),
-                activation: cases.random.pick(&ACTIVATIONS),
-                tiles,
-            };
-            cases.add(Call::Separable3x3(Separable3x3 { depthwise, pointwise }), dst.buffer);
+    for (storage, limit) in STORAGES {
+        for base in [8, 24, 40] {
+            let mut cases = map_cases(base);
+            cases.storage = storage;
+            let tensors =
+                [("enc.0.0.ffn", "depthwise", "contract", 4, 1), ("enc.1.0.ffn", "depthwise", "contract", 8, 2)];
+            let conv = ("enc.1.0.conv", "depthwise", "pointwise", 2, 2);
+            for (owner, first, second, inputs, outputs) in [&tensors[..], &[conv]].concat().repeat(3) {
+                let (size, inputs, outputs) = (size(&mut cases, 8), inputs * base, outputs * base);
+                let (src, dst) = (cases.map(size, inputs, 3.0), cases.target(size, outputs));
+                let pack = Pack::Depthwise { weight: format!("{owner}.{first}"), channels: inputs };
+                let tiles = cases.tiles(size);
+                let activation = cases.random.pick(&ACTIVATIONS);
+                // Never stored.
+                let between = View { buffer: src.buffer, first: 0, stride: inputs, channels: inputs, ..dst };
+                let depthwise = Depthwise3x3 { src, dst: between, weights: cases.pack(pack), activation, tiles };
+                let parts = vec![LinearPart { prefix: format!("{owner}.{second}"), outputs }];
+                let pointwise = Linear {
+                    src: between,
+                    src_b: None,
+                    dst,
+                    weights: cases.pack(Pack::Linear(LinearWeight { parts, inputs, columns: 0..inputs, bias: true })),
+                    film: film(&mut cases, outputs),
+                    residual: cases.random.coin().then(|| cases.map(size, outputs, 1.0)),
+                    activation: cases.random.pick(&ACTIVATIONS),
+                    tiles,
+                };
+                cases.add(Call::Separable3x3(Separable3x3 { depthwise, pointwise }), dst.buffer);
+            }
+            cases.check(&format!("separable3x3 of multiples of {base}"), limit);
         }
-        cases.check(&format!("separable3x3 of multiples of {base}"), KERNEL_LIMIT);
     }
 }
 
 #[test]
 fn linear() {
-    let mut cases = dense_cases(4);
-    for _ in 0..40 {
-        let size = size(&mut cases, 8);
-        let first: u32 = cases.random.pick(&[4, 7, 8, 12, 32, 36, 64]);
-        // A second input follows the first's own channels, which then are a multiple of four.
-        let second = cases.random.pick(&[0, 0, 4, 12, 32, 64]) * u32::from(first.is_multiple_of(4));
-        let mut parts = vec![];
-        let names = [vec!["q"], vec!["q", "k"], vec!["q", "k", "v"], vec!["v"]];
-        let chosen = cases.random.integer(0, 3) as usize;
-        for name in &names[chosen] {
-            let outputs = cases.random.pick(&[4, 8, 16, 20, 32, 68]);
-            parts.push(LinearPart { prefix: format!("bottleneck.0.{name}"), outputs });
+    for (storage, limit) in STORAGES {
+        let mut cases = dense_cases(4);
+        cases.storage = storage;
+        for _ in 0..40 {
+            let size = size(&mut cases, 8);
+            let first: u32 = cases.random.pick(&[4, 7, 8, 12, 32, 36, 64]);
+            // A second input follows the first's own channels, which then are a multiple of four.
+            let second = cases.random.pick(&[0, 0, 4, 12, 32, 64]) * u32::from(first.is_multiple_of(4));
+            let mut parts = vec![];
+            let names = [vec!["q"], vec!["q", "k"], vec!["q", "k", "v"], vec!["v"]];
+            let chosen = cases.random.integer(0, 3) as usize;
+            for name in &names[chosen] {
+                let outputs = cases.random.pick(&[4, 8, 16, 20, 32, 68]);
+                parts.push(LinearPart { prefix: format!("bottleneck.0.{name}"), outputs });
+            }
+            let outputs = parts.iter().map(|part| part.outputs).sum();
+            let column = cases.random.pick(&[0, 0, 3, 40]);
+            let columns = column..column + first + second;
+            let inputs = columns.end + cases.random.pick(&[0, 0, 5]);
+            let weight = LinearWeight { parts, inputs, columns, bias: cases.random.coin() };
+            let (src, dst) = (cases.map(size, first, 3.0), cases.target(size, outputs));
+            let call = Linear {
+                src,
+                src_b: (second > 0).then(|| cases.map(size, second, 3.0)),
+                dst,
+                weights: cases.pack(Pack::Linear(weight)),
+                film: film(&mut cases, outputs),
+                residual: cases.random.coin().then(|| cases.map(size, outputs, 1.0)),
+                activation: cases.random.pick(&ACTIVATIONS),
+                tiles: cases.tiles(size),
+            };
+            cases.add(Call::Linear(call), dst.buffer);
         }
-        let outputs = parts.iter().map(|part| part.outputs).sum();
-        let column = cases.random.pick(&[0, 0, 3, 40]);
-        let columns = column..column + first + second;
-        let inputs = columns.end + cases.random.pick(&[0, 0, 5]);
-        let weight = LinearWeight { parts, inputs, columns, bias: cases.random.coin() };
-        let (src, dst) = (cases.map(size, first, 3.0), cases.target(size, outputs));
-        let call = Linear {
-            src,
-            src_b: (second > 0).then(|| cases.map(size, second, 3.0)),
-            dst,
-            weights: cases.pack(Pack::Linear(weight)),
-            film: film(&mut cases, outputs),
-            residual: cases.random.coin().then(|| cases.map(size, outputs, 1.0)),
-            activation: cases.random.pick(&ACTIVATIONS),
-            tiles: cases.tiles(size),
-        };
-        cases.add(Call::Linear(call), dst.buffer);
+        cases.check("linear", limit);
     }
-    cases.check("linear", KERNEL_LIMIT);
 }
 
 /// Cases for the kernels whose packs take whole tensors: of C, 2C and 4C channels.
@@ -224,40 +240,49 @@ fn map_cases(channels: u32) -> Cases {
 
 #[test]
 fn depthwise3x3() {
-    for base in [8, 24, 40] {
-        let mut cases = map_cases(base);
-        let tensors = [("enc.0.0.ffn", 4), ("enc.1.0.conv", 2), ("enc.1.0.ffn", 8), ("bottleneck.0.conv", 4)];
-        for (owner, times) in tensors.repeat(3) {
-            let (size, channels) = (size(&mut cases, 8), times * base);
-            let (src, dst) = (cases.map(size, channels, 3.0), cases.target(size, channels));
-            let weights = cases.pack(Pack::Depthwise { weight: format!("{owner}.depthwise"), channels });
-            let activation = cases.random.pick(&ACTIVATIONS);
-            let tiles = cases.tiles(size);
-            cases.add(Call::Depthwise3x3(Depthwise3x3 { src, dst, weights, activation, tiles }), dst.buffer);
+    for (storage, limit) in STORAGES {
+        for base in [8, 24, 40] {
+            let mut cases = map_cases(base);
+            cases.storage = storage;
+            let tensors = [("enc.0.0.ffn", 4), ("enc.1.0.conv", 2), ("enc.1.0.ffn", 8), ("bottleneck.0.conv", 4)];
+            for (owner, times) in tensors.repeat(3) {
+                let (size, channels) = (size(&mut cases, 8), times * base);
+                let (src, dst) = (cases.map(size, channels, 3.0), cases.target(size, channels));
+                let weights = cases.pack(Pack::Depthwise { weight: format!("{owner}.depthwise"), channels });
+                let activation = cases.random.pick(&ACTIVATIONS);
+                let tiles = cases.tiles(size);
+                cases.add(Call::Depthwise3x3(Depthwise3x3 { src, dst, weights, activation, tiles }), dst.buffer);
+            }
+            cases.check(&format!("depthwise3x3 of multiples of {base}"), limit);
         }
-        cases.check(&format!("depthwise3x3 of multiples of {base}"), KERNEL_LIMIT);
     }
 }
 
 #[test]
 fn layer_norm() {
-    for base in [8, 24, 40, 128] {
-        let mut cases = map_cases(base);
-        for (block, times) in [("enc.0.0", 1), ("enc.1.0", 2), ("bottleneck.0", 4)].repeat(3) {
-            let (size, channels) = (size(&mut cases, 8), times * base);
-            let scale = cases.random.pick(&[0.01, 1.0, 1000.0]);
-            let (src, dst) = (cases.map(size, channels, scale), cases.target(size, channels));
-            let weights = cases.pack(Pack::Norm { norm: format!("{block}.norm1"), channels });
-            let tiles = cases.tiles(size);
-            cases.add(Call::LayerNorm(LayerNorm { src, dst, weights, tiles }), dst.buffer);
+    for (storage, limit) in STORAGES {
+        for base in [8, 24, 40, 128] {
+            let mut cases = map_cases(base);
+            cases.storage = storage;
+            for (block, times) in [("enc.0.0", 1), ("enc.1.0", 2), ("bottleneck.0", 4)].repeat(3) {
+                let (size, channels) = (size(&mut cases, 8), times * base);
+                let scale = cases.random.pick(&[0.01, 1.0, 1000.0]);
+                let (src, dst) = (cases.map(size, channels, scale), cases.target(size, channels));
+                let weights = cases.pack(Pack::Norm { norm: format!("{block}.norm1"), channels });
+                let tiles = cases.tiles(size);
+                cases.add(Call::LayerNorm(LayerNorm { src, dst, weights, tiles }), dst.buffer);
+            }
+            // A large common value: squares without the mean would lose everything.
+            let weights = cases.pack(Pack::Norm { norm: "enc.0.0.norm2".into(), channels: base });
+            let dst = cases.target((16, 8), base);
+            let far = cases.random.values(16 * 8 * base as usize, 100.0, 110.0);
+            let src = View { buffer: cases.filled("far", far), first: 0, stride: base, top: 0, ..dst };
+            // Halves have few digits left there.
+            if storage == Storage::F32 {
+                cases.add(Call::LayerNorm(LayerNorm { src, dst, weights, tiles: Tiles::All }), dst.buffer);
+            }
+            cases.check(&format!("layer_norm of multiples of {base}"), limit);
         }
-        // A large common value: squares without the mean would lose everything.
-        let weights = cases.pack(Pack::Norm { norm: "enc.0.0.norm2".into(), channels: base });
-        let dst = cases.target((16, 8), base);
-        let far = cases.random.values(16 * 8 * base as usize, 100.0, 110.0);
-        let src = View { buffer: cases.filled("far", far), first: 0, stride: base, top: 0, ..dst };
-        cases.add(Call::LayerNorm(LayerNorm { src, dst, weights, tiles: Tiles::All }), dst.buffer);
-        cases.check(&format!("layer_norm of multiples of {base}"), KERNEL_LIMIT);
     }
 }
 
@@ -283,14 +308,17 @@ fn add_attention(cases: &mut Cases, (heads, keys, values): (u32, u32, u32), scal
 
 #[test]
 fn window_attention() {
-    let mut cases = dense_cases(7);
-    let forms = [(1, 4, 8), (1, 8, 16), (1, 32, 64), (2, 16, 16), (4, 32, 32), (8, 8, 12), (1, 64, 64), (3, 12, 4)];
-    for form in forms.repeat(2) {
-        add_attention(&mut cases, form, 1.8);
+    for (storage, limit) in STORAGES {
+        let mut cases = dense_cases(7);
+        cases.storage = storage;
+        let forms = [(1, 4, 8), (1, 8, 16), (1, 32, 64), (2, 16, 16), (4, 32, 32), (8, 8, 12), (1, 64, 64), (3, 12, 4)];
+        for form in forms.repeat(2) {
+            add_attention(&mut cases, form, 1.8);
+        }
+        // The widest of the family: one head on all of 512 channels.
+        add_attention(&mut cases, (1, 256, 512), 1.8);
+        cases.check("window_attention", limit);
     }
-    // The widest of the family: one head on all of 512 channels.
-    add_attention(&mut cases, (1, 256, 512), 1.8);
-    cases.check("window_attention", KERNEL_LIMIT);
 }
 
 /// Products of scores in the millions, far beyond what halves or an unshifted exponential hold: each query attends to
@@ -307,42 +335,48 @@ fn attention_of_huge_scores_picks_the_best_key() {
 
 #[test]
 fn film_means_and_vectors() {
-    for base in [8, 24, 40, 128] {
-        let mut cases = map_cases(base);
-        for (real_width, real_height) in [(1, 1), (7, 1), (64, 33), (70, 45), (9, 31), (256, 300)] {
-            let padded = (u32::next_multiple_of(real_width, 8), u32::next_multiple_of(real_height, 8) + 8);
-            let src = cases.map(padded, base, 3.0);
-            let mut sum = TokenSum { src, real_width, real_height, dst: src.buffer };
-            sum.dst = cases.empty("partials", sum.sums() as usize * base as usize);
-            let dst = sum.dst;
-            cases.add(Call::TokenSum(sum), dst);
+    for (storage, limit) in STORAGES {
+        for base in [8, 24, 40, 128] {
+            let mut cases = map_cases(base);
+            cases.storage = storage;
+            for (real_width, real_height) in [(1, 1), (7, 1), (64, 33), (70, 45), (9, 31), (256, 300)] {
+                let padded = (u32::next_multiple_of(real_width, 8), u32::next_multiple_of(real_height, 8) + 8);
+                let src = cases.map(padded, base, 3.0);
+                let mut sum = TokenSum { src, real_width, real_height, dst: src.buffer };
+                sum.dst = cases.empty("partials", sum.sums() as usize * base as usize);
+                let dst = sum.dst;
+                cases.add(Call::TokenSum(sum), dst);
+            }
+            let blocks = [("enc.0.0", 1), ("enc.1.0", 2), ("bottleneck.0", 4)];
+            for (sums, (block, times)) in [1, 3, 33, 70, 1000, 4096].into_iter().zip(blocks.repeat(2)) {
+                let (channels, outputs) = (times * base, 2 * times * base);
+                let weight = format!("{block}.film");
+                let partials = cases.random.values(sums as usize * channels as usize, -50.0, 60.0);
+                let partials = cases.filled("partials", partials);
+                let weights = cases.pack(Pack::FilmVector { weight, inputs: channels, outputs });
+                let dst = cases.empty("film", outputs as usize);
+                let call = FilmVector { partials, sums, tokens: 64 * sums, channels, weights, dst, outputs };
+                cases.add(Call::FilmVector(call), dst);
+            }
+            cases.check(&format!("film of multiples of {base}"), limit);
         }
-        let blocks = [("enc.0.0", 1), ("enc.1.0", 2), ("bottleneck.0", 4)];
-        for (sums, (block, times)) in [1, 3, 33, 70, 1000, 4096].into_iter().zip(blocks.repeat(2)) {
-            let (channels, outputs) = (times * base, 2 * times * base);
-            let weight = format!("{block}.film");
-            let partials = cases.random.values(sums as usize * channels as usize, -50.0, 60.0);
-            let partials = cases.filled("partials", partials);
-            let weights = cases.pack(Pack::FilmVector { weight, inputs: channels, outputs });
-            let dst = cases.empty("film", outputs as usize);
-            let call = FilmVector { partials, sums, tokens: 64 * sums, channels, weights, dst, outputs };
-            cases.add(Call::FilmVector(call), dst);
-        }
-        cases.check(&format!("film of multiples of {base}"), KERNEL_LIMIT);
     }
 }
 
 #[test]
 fn expand() {
-    let mut cases = map_cases(8);
-    for channels in [4, 8, 32, 20].repeat(5) {
-        let mut side = || 8 * cases.random.integer(2, 4);
-        let small = (side(), side());
-        let mut more = |side: u32| side + 8 * cases.random.pick(&[0, 1, 2, 5]);
-        let size = (more(small.0), more(small.1));
-        let (src, dst) = (cases.map(small, channels, 3.0), cases.target(size, channels));
-        let tiles = cases.tiles(size);
-        cases.add(Call::Expand(Expand { src, dst, tiles }), dst.buffer);
+    for (storage, _) in STORAGES {
+        let mut cases = map_cases(8);
+        cases.storage = storage;
+        for channels in [4, 8, 32, 20].repeat(5) {
+            let mut side = || 8 * cases.random.integer(2, 4);
+            let small = (side(), side());
+            let mut more = |side: u32| side + 8 * cases.random.pick(&[0, 1, 2, 5]);
+            let size = (more(small.0), more(small.1));
+            let (src, dst) = (cases.map(small, channels, 3.0), cases.target(size, channels));
+            let tiles = cases.tiles(size);
+            cases.add(Call::Expand(Expand { src, dst, tiles }), dst.buffer);
+        }
+        cases.check("expand", 0.0);
     }
-    cases.check("expand", 0.0);
 }

@@ -5,9 +5,9 @@
 
 use vkdenoise::kernels::contract::BindingType;
 use vkdenoise::kernels::winograd::WinogradTile;
-use vkdenoise::kernels::{BufferId, Call, Tiles, Variants};
+use vkdenoise::kernels::{BufferId, Call, Storage, Tiles, Variants};
 use vkdenoise::net::{Arch, Graph};
-use vkdenoise::plan::{ConvAlgorithm, Dispatch, Place, Plan, PlanOptions, SeparableForm, plan};
+use vkdenoise::plan::{ConvAlgorithm, Dispatch, Place, Plan, PlanOptions, SeparableForm, max_chain_bytes, plan};
 use vkdenoise::{Error, Extent};
 
 fn plan_of(name: &str, extent: Extent, max_block_bytes: u64) -> Result<Plan, Error> {
@@ -48,7 +48,8 @@ fn plans_in(extent: Extent, max_block_bytes: u64) -> Vec<(String, Plan)> {
         ..PlanOptions::default()
     });
     let banded = PlanOptions { max_chain_bytes: 1 << 17, max_block_bytes, ..PlanOptions::default() };
-    let forms = forms.into_iter().chain([banded, PlanOptions { separable: SeparableForm::Fused, ..banded }]);
+    let halves = PlanOptions { storage: Storage::F16, max_block_bytes, ..PlanOptions::default() };
+    let forms = forms.into_iter().chain([halves, banded, PlanOptions { separable: SeparableForm::Fused, ..banded }]);
     named.chain(forms.map(|options| (format!("{options:?}"), plan(&graph, extent, &options).unwrap()))).collect()
 }
 
@@ -142,10 +143,15 @@ fn forms_change_kernels_not_work() {
 #[test]
 fn a_large_frame_fits_its_memory() {
     let extent = Extent::new(3840, 2160);
-    let bytes = plan_of("hybrid", extent, u64::MAX).unwrap().bytes() + 52 * extent.pixels() + 256;
-    assert!(bytes <= 2 << 30, "{bytes}");
-    // Without bands the wide maps of the input stage alone take more.
     let graph = Graph::new(&Arch::hybrid()).unwrap();
+    for (storage, limit) in [(Storage::F32, 2 << 30), (Storage::F16, 1 << 30)] {
+        let max_chain_bytes = max_chain_bytes(storage);
+        let options = PlanOptions { storage, max_chain_bytes, ..PlanOptions::default() };
+        let bytes = plan(&graph, extent, &options).unwrap().bytes() + 52 * extent.pixels() + 256;
+        println!("{storage:?}: {bytes} bytes");
+        assert!(bytes <= limit, "{storage:?}: {bytes}");
+    }
+    // Without bands the wide maps of the input stage alone take more.
     let whole = plan(&graph, extent, &PlanOptions { max_chain_bytes: u64::MAX, ..PlanOptions::default() }).unwrap();
     assert!(whole.bytes() > 3_000_000_000);
 }
@@ -159,8 +165,12 @@ fn bands_cost_little_work() {
         let plan = plan(&graph, Extent::new(2048, 2048), &options).unwrap();
         plan.dispatches.iter().map(|d| d.flops).sum::<u64>() as f64
     };
-    let share = flops(128 << 20) / flops(u64::MAX);
-    assert!((1.001..1.03).contains(&share), "{share}");
+    // Bands of halves are smaller.
+    for (storage, most) in [(Storage::F32, 1.03), (Storage::F16, 1.06)] {
+        let share = flops(max_chain_bytes(storage) * Storage::F32.bytes() / storage.bytes()) / flops(u64::MAX);
+        println!("{storage:?}: {share:.4}");
+        assert!((1.001..most).contains(&share), "{storage:?}: {share}");
+    }
 }
 
 #[test]

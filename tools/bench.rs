@@ -84,11 +84,18 @@ struct Forms {
     /// MiB that a map between consecutive kernels may take before they run band by band.
     #[arg(long)]
     max_chain_mib: Option<u64>,
+    /// Arithmetic and storage: auto, fp32, fp16 or matrix.
+    #[arg(long, default_value = "auto")]
+    precision: vkdenoise::Precision,
 }
 
 impl Forms {
     fn options(&self) -> Options {
-        Options { max_chain_bytes: self.max_chain_mib.map(|mib| mib << 20), ..Options::default() }
+        Options {
+            max_chain_bytes: self.max_chain_mib.map(|mib| mib << 20),
+            precision: self.precision,
+            ..Options::default()
+        }
     }
 }
 

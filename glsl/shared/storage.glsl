@@ -1,34 +1,54 @@
 // Where maps live: rows of channels, channels last, four to a vector, behind device addresses.
-// STORAGE_F16 makes the activations halves; the arithmetic stays in 32-bit floats.
+// SRC_F16 and DST_F16 make the elements of sources and targets halves; the arithmetic stays in 32-bit floats.
 //
 // TEXELS is for CPU drivers, some of which turn every load and store by address into a loop over lanes and components:
-// loads go through texel buffers, which they fetch as whole vectors and transpose, and stores move two floats at a time.
+// loads go through texel buffers, which they fetch as whole vectors and transpose, and stores move eight bytes at a time.
 // A kernel names what it loads with TEXELS_OF; LOAD and LOAD_WEIGHTS take those names.
 #extension GL_EXT_buffer_reference : require
-#ifdef STORAGE_F16
-#extension GL_EXT_shader_16bit_storage : require
-#extension GL_EXT_shader_explicit_arithmetic_types_float16 : require
-layout(buffer_reference, std430, buffer_reference_align = 8) readonly buffer Source { f16vec4 v[]; };
-layout(buffer_reference, std430, buffer_reference_align = 8) writeonly buffer Target { f16vec4 v[]; };
-layout(buffer_reference, std430, buffer_reference_align = 2) writeonly buffer TargetScalars { float16_t v[]; };
-#define STORE(target, index, value) target.v[index] = f16vec4(value)
-#define STORE_SCALAR(target, index, value) target.v[index] = float16_t(value)
-#elif defined(TEXELS)
-#extension GL_EXT_shader_explicit_arithmetic_types_int64 : require
+vec4 widen(vec4 value) {
+    return value;
+}
+// Four halves.
+vec4 widen(uvec2 value) {
+    return vec4(unpackHalf2x16(value.x), unpackHalf2x16(value.y));
+}
+#ifdef SRC_F16
+layout(buffer_reference, std430, buffer_reference_align = 8) readonly buffer Source { uvec2 v[]; };
+#else
 layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer Source { vec4 v[]; };
-layout(buffer_reference, std430, buffer_reference_align = 16) writeonly buffer Target { u64vec2 v[]; };
+#endif
+// Residual: a map that is stored as the target is, and read.
+#ifdef DST_F16
+#extension GL_EXT_shader_16bit_storage : require
+layout(buffer_reference, std430, buffer_reference_align = 8) readonly buffer Residual { uvec2 v[]; };
+layout(buffer_reference, std430, buffer_reference_align = 2) writeonly buffer TargetScalars { float16_t v[]; };
+#define STORE_SCALAR(target, index, value) target.v[index] = float16_t(value)
+uvec2 narrow(vec4 value) {
+    return uvec2(packHalf2x16(value.xy), packHalf2x16(value.zw));
+}
+#ifdef TEXELS
+#extension GL_EXT_shader_explicit_arithmetic_types_int64 : require
+layout(buffer_reference, std430, buffer_reference_align = 8) writeonly buffer Target { uint64_t v[]; };
+#define STORE(target, index, value) target.v[index] = packUint2x32(narrow(value))
+#else
+layout(buffer_reference, std430, buffer_reference_align = 8) writeonly buffer Target { uvec2 v[]; };
+#define STORE(target, index, value) target.v[index] = narrow(value)
+#endif
+#else
+layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer Residual { vec4 v[]; };
 layout(buffer_reference, std430, buffer_reference_align = 4) writeonly buffer TargetScalars { float v[]; };
+#define STORE_SCALAR(target, index, value) target.v[index] = (value)
+#ifdef TEXELS
+#extension GL_EXT_shader_explicit_arithmetic_types_int64 : require
+layout(buffer_reference, std430, buffer_reference_align = 16) writeonly buffer Target { u64vec2 v[]; };
 u64vec2 narrow(vec4 value) {
     return u64vec2(packUint2x32(floatBitsToUint(value.xy)), packUint2x32(floatBitsToUint(value.zw)));
 }
 #define STORE(target, index, value) target.v[index] = narrow(value)
-#define STORE_SCALAR(target, index, value) target.v[index] = (value)
 #else
-layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer Source { vec4 v[]; };
 layout(buffer_reference, std430, buffer_reference_align = 16) writeonly buffer Target { vec4 v[]; };
-layout(buffer_reference, std430, buffer_reference_align = 4) writeonly buffer TargetScalars { float v[]; };
 #define STORE(target, index, value) target.v[index] = (value)
-#define STORE_SCALAR(target, index, value) target.v[index] = (value)
+#endif
 #endif
 // Weights and statistics are always 32-bit.
 layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer Weights { vec4 v[]; };
@@ -38,7 +58,7 @@ layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer We
 #define LOAD_WEIGHTS(weights, index) texelFetch(weights##_texels, int(index))
 #else
 #define TEXELS_OF(slot, name)
-#define LOAD(source, index) vec4(source.v[index])
+#define LOAD(source, index) widen(source.v[index])
 #define LOAD_WEIGHTS(weights, index) weights.v[index]
 #endif
 layout(buffer_reference, std430, buffer_reference_align = 4) readonly buffer ReadFloats { float v[]; };

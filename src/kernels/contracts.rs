@@ -180,6 +180,8 @@ const OUTPUT_IMAGES: &[Binding] = &[
 ];
 
 const CPU: &[Need] = &[Need::CpuDriver];
+const HALVES: &[Need] = &[Need::Storage16];
+const CPU_HALVES: &[Need] = &[Need::CpuDriver, Need::Storage16];
 
 const SRC_TEXELS: Binding = Binding { name: "src_texels", ty: BindingType::TexelBuffer };
 const WEIGHTS_TEXELS: Binding = Binding { name: "weights_texels", ty: BindingType::TexelBuffer };
@@ -220,130 +222,163 @@ const MATRIX_CONSTANTS: &[Constant] = &[
 /// Subgroups of a workgroup of the matrix kernels.
 pub const MATRIX_SUBGROUPS: u32 = 4;
 
-macro_rules! contracts {
-    (@constants) => { &[] };
-    (@constants $constants:expr) => { $constants };
-    ($($(#[$meta:meta])* $konst:ident = $name:literal $source:literal $push:ident
-       { $($key:literal : $value:literal),* } $bindings:expr, $needs:expr $(, $constants:expr)?;)*) => {
-        $($(#[$meta])* pub const $konst: Contract = Contract {
+macro_rules! contract {
+    ($name:expr, $source:literal, $push:ident, [$(($key:literal, $value:literal)),*], $bindings:expr, $needs:expr) => {
+        contract!($name, $source, $push, [$(($key, $value)),*], $bindings, $needs, &[])
+    };
+    ($name:expr, $source:literal, $push:ident, [$(($key:literal, $value:literal)),*], $bindings:expr, $needs:expr,
+     $constants:expr) => {
+        Contract {
             name: $name, source: $source, defines: &[$(($key, $value)),*], push: $push::FIELDS,
-            bindings: $bindings, needs: $needs, constants: contracts!(@constants $($constants)?),
-        };)*
+            bindings: $bindings, needs: $needs, constants: $constants,
+        }
+    };
+}
+
+/// Constants for the variants, those under `stored` twice: with maps of 32-bit floats and, in [`halves`], of halves.
+macro_rules! contracts {
+    (stored {$($(#[$stored_meta:meta])* $stored:ident = $stored_name:literal $stored_source:literal $stored_push:ident
+       { $($stored_key:literal : $stored_value:literal),* } $stored_bindings:expr, $stored_needs:expr, $half_needs:expr;)*}
+     others {$($(#[$meta:meta])* $konst:ident = $name:literal $source:literal $push:ident
+       { $($key:literal : $value:literal),* } $bindings:expr, $needs:expr $(, $constants:expr)?;)*}) => {
+        $($(#[$stored_meta])* pub const $stored: Contract = contract!(
+            $stored_name, $stored_source, $stored_push, [$(($stored_key, $stored_value)),*], $stored_bindings, $stored_needs);)*
+        $($(#[$meta])* pub const $konst: Contract = contract!(
+            $name, $source, $push, [$(($key, $value)),*], $bindings, $needs $(, $constants)?);)*
+
+        /// The same variants over maps of halves.
+        pub mod halves {
+            use super::*;
+            $($(#[$stored_meta])* pub const $stored: Contract = contract!(
+                concat!($stored_name, "_f16"), $stored_source, $stored_push,
+                [("SRC_F16", "1"), ("DST_F16", "1") $(, ($stored_key, $stored_value))*], $stored_bindings, $half_needs);)*
+        }
+
         /// Every variant that the build compiles.
-        pub const ALL: &[&Contract] = &[$(&$konst),*];
+        pub const ALL: &[&Contract] = &[$(&$stored, &halves::$stored,)* $(&$konst),*];
     };
 }
 
 // TX x TY outputs and 4 * NV channels an invocation: 2x2 keeps a GPU's registers, more suits CPU drivers, on which a
 // load costs more than the arithmetic it feeds: there lanes share weights (WEIGHTS_SHARED) and load whole vectors (TEXELS).
 contracts! {
-    /// Convolution, stride 1, tiles of 32 channels.
-    CONV3X3 = "conv3x3" "conv3x3.comp" Conv3x3Push
-        { "STRIDE": "1", "TX": "2", "TY": "2", "NV": "8" } &[], &[];
-    /// The same for CPU drivers.
-    CONV3X3_CPU = "conv3x3_cpu" "conv3x3.comp" Conv3x3Push
-        { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_SHARED": "1", "TEXELS": "1", "TAP_BY_TAP": "1" } CONV_TEXELS, CPU;
-    /// Convolution, stride 2.
-    CONV3X3_S2 = "conv3x3_s2" "conv3x3.comp" Conv3x3Push
-        { "STRIDE": "2", "TX": "2", "TY": "2", "NV": "8" } &[], &[];
-    /// The same for CPU drivers.
-    CONV3X3_S2_CPU = "conv3x3_s2_cpu" "conv3x3.comp" Conv3x3Push
-        { "STRIDE": "2", "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_SHARED": "1", "TEXELS": "1", "TAP_BY_TAP": "1" } CONV_TEXELS, CPU;
-    /// Convolution to at most 4 channels.
-    CONV3X3_N4 = "conv3x3_n4" "conv3x3.comp" Conv3x3Push
-        { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "1" } &[], &[];
-    /// The same for CPU drivers.
-    CONV3X3_N4_CPU = "conv3x3_n4_cpu" "conv3x3.comp" Conv3x3Push
-        { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "1", "TEXELS": "1" } CONV_TEXELS, CPU;
-    /// Convolution by F(2x2, 3x3).
-    WINOGRAD3X3_F2 = "winograd3x3_f2" "winograd3x3.comp" Conv3x3Push { "OUT": "2", "TX": "1", "NV": "2" } &[], &[];
-    /// The same for CPU drivers.
-    WINOGRAD3X3_F2_CPU = "winograd3x3_f2_cpu" "winograd3x3.comp" Conv3x3Push
-        { "OUT": "2", "TX": "2", "NV": "2", "WEIGHTS_SHARED": "1", "TEXELS": "1" } CONV_TEXELS, CPU;
-    /// Convolution by F(4x4, 3x3).
-    WINOGRAD3X3_F4 = "winograd3x3_f4" "winograd3x3.comp" Conv3x3Push { "OUT": "4", "TX": "1", "NV": "1" } &[], &[];
-    /// The same for CPU drivers.
-    WINOGRAD3X3_F4_CPU = "winograd3x3_f4_cpu" "winograd3x3.comp" Conv3x3Push
-        { "OUT": "4", "TX": "1", "NV": "2", "WEIGHTS_SHARED": "1", "TEXELS": "1" } CONV_TEXELS, CPU;
-    /// Depthwise and pointwise convolution in one, tiles of 32 channels.
-    SEPARABLE3X3 = "separable3x3" "separable3x3.comp" Separable3x3Push { "TX": "2", "TY": "2", "NV": "8" } &[], &[];
-    /// The same for CPU drivers.
-    SEPARABLE3X3_CPU = "separable3x3_cpu" "separable3x3.comp" Separable3x3Push
-        { "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_SHARED": "1", "TEXELS": "1" } SEPARABLE_TEXELS, CPU;
-    /// Pointwise convolution, tiles of 32 channels.
-    LINEAR = "linear" "linear.comp" LinearPush { "TX": "2", "TY": "2", "NV": "8" } &[], &[];
-    /// The same for CPU drivers.
-    LINEAR_CPU = "linear_cpu" "linear.comp" LinearPush
-        { "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_SHARED": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU;
-    /// Convolution on cooperative matrices, stride 1.
-    CONV3X3_MATRIX = "conv3x3_matrix" "conv3x3_matrix.comp" Conv3x3Push { "STRIDE": "1" } &[], MATRIX, MATRIX_CONSTANTS;
-    /// Convolution on cooperative matrices, stride 2.
-    CONV3X3_S2_MATRIX = "conv3x3_s2_matrix" "conv3x3_matrix.comp" Conv3x3Push { "STRIDE": "2" } &[], MATRIX, MATRIX_CONSTANTS;
-    /// Pointwise convolution on cooperative matrices.
-    LINEAR_MATRIX = "linear_matrix" "linear_matrix.comp" LinearPush {} &[], MATRIX, MATRIX_CONSTANTS;
-    /// Depthwise convolution.
-    DEPTHWISE3X3 = "depthwise3x3" "depthwise3x3.comp" Depthwise3x3Push { "TX": "4", "TY": "2" } &[], &[];
-    /// The same for CPU drivers.
-    DEPTHWISE3X3_CPU = "depthwise3x3_cpu" "depthwise3x3.comp" Depthwise3x3Push
-        { "TX": "8", "TY": "4", "TEXELS": "1" } MAP_TEXELS, CPU;
-    /// Layer normalisation.
-    LAYER_NORM = "layer_norm" "layer_norm.comp" LayerNormPush {} &[], &[];
-    /// The same for CPU drivers.
-    LAYER_NORM_CPU = "layer_norm_cpu" "layer_norm.comp" LayerNormPush { "TEXELS": "1" } MAP_TEXELS, CPU;
-    /// Joint window attention.
-    WINDOW_ATTENTION = "window_attention" "window_attention.comp" WindowAttentionPush {} &[], &[];
-    /// The same for CPU drivers.
-    WINDOW_ATTENTION_CPU = "window_attention_cpu" "window_attention.comp" WindowAttentionPush
-        { "TEXELS": "1" } ATTENTION_TEXELS, CPU;
-    /// A small map made large.
-    EXPAND = "expand" "expand.comp" ExpandPush {} &[], &[];
-    /// The same for CPU drivers.
-    EXPAND_CPU = "expand_cpu" "expand.comp" ExpandPush { "TEXELS": "1" } SRC_ONLY_TEXELS, CPU;
-    /// Partial sums of tokens.
-    TOKEN_SUM = "token_sum" "token_sum.comp" TokenSumPush {} &[], &[];
-    /// FiLM vectors.
-    FILM_VECTOR = "film_vector" "film_vector.comp" FilmVectorPush {} &[], &[];
-    /// A histogram to zero.
-    STATS_CLEAR = "stats_clear" "stats_clear.comp" StatsClearPush {} &[], &[];
-    /// Histogram.
-    STATS_HISTOGRAM = "stats_histogram" "stats_histogram.comp" StatsHistogramPush {} &[], &[];
-    /// Histogram of an image.
-    STATS_HISTOGRAM_IMAGE = "stats_histogram_image" "stats_histogram.comp" StatsHistogramPush
-        { "IMAGES": "1" } COLOR_DEPTH_IMAGES, &[];
-    /// Median or depth scale.
-    STATS_SELECT = "stats_select" "stats_select.comp" StatsSelectPush {} &[], &[];
-    /// Log-luminance of tiles.
-    STATS_TILES = "stats_tiles" "stats_tiles.comp" StatsTilesPush {} &[], &[];
-    /// Log-luminance of an image's tiles.
-    STATS_TILES_IMAGE = "stats_tiles_image" "stats_tiles.comp" StatsTilesPush { "IMAGES": "1" } COLOR_IMAGE, &[];
-    /// Key and exposure.
-    STATS_KEY = "stats_key" "stats_key.comp" StatsKeyPush {} &[], &[];
-    /// Colour input.
-    INPUT_COLOR = "input_color" "input_color.comp" InputColorPush {} &[], &[];
-    /// Colour input from an image.
-    INPUT_COLOR_IMAGE = "input_color_image" "input_color.comp" InputColorPush { "IMAGES": "1" } COLOR_IMAGE, &[];
-    /// Features' input.
-    INPUT_AUX = "input_aux" "input_aux.comp" InputAuxPush {} &[], &[];
-    /// Features' input from images.
-    INPUT_AUX_IMAGE = "input_aux_image" "input_aux.comp" InputAuxPush { "IMAGES": "1" } AUX_IMAGES, &[];
-    /// Output to 32-bit planes.
-    OUTPUT_F32 = "output_f32" "output.comp" OutputPush { "TARGET_F32": "1" } &[], &[];
-    /// Output to 16-bit planes.
-    OUTPUT_F16 = "output_f16" "output.comp" OutputPush { "TARGET_F16": "1" } &[], &[Need::Storage16];
-    /// Output to an rgba32f image.
-    OUTPUT_IMAGE_F32 = "output_image_f32" "output.comp" OutputPush
-        { "IMAGES": "1", "TARGET_FORMAT": "rgba32f" } OUTPUT_IMAGES, &[];
-    /// Output to an rgba16f image.
-    OUTPUT_IMAGE_F16 = "output_image_f16" "output.comp" OutputPush
-        { "IMAGES": "1", "TARGET_FORMAT": "rgba16f", "TARGET_MAX": "65504.0" } OUTPUT_IMAGES, &[];
-    /// Multiply-adds of 32-bit floats.
-    ROOF_FMA_F32 = "roof_fma_f32" "roof_fma.comp" RoofFmaPush {} &[], &[];
-    /// Multiply-adds of pairs of halves.
-    ROOF_FMA_F16 = "roof_fma_f16" "roof_fma.comp" RoofFmaPush { "HALF": "1" } &[], &[Need::Float16];
-    /// Products of matrices of halves.
-    ROOF_MATRIX = "roof_matrix" "roof_matrix.comp" RoofFmaPush {} &[], MATRIX, MATRIX_CONSTANTS;
-    /// A copy of 32-bit floats.
-    ROOF_COPY_F32 = "roof_copy_f32" "roof_copy.comp" RoofCopyPush {} &[], &[];
-    /// A copy of halves.
-    ROOF_COPY_F16 = "roof_copy_f16" "roof_copy.comp" RoofCopyPush { "STORAGE_F16": "1" } &[], &[Need::Storage16, Need::Float16];
+    stored {
+        /// Convolution, stride 1, tiles of 32 channels.
+        CONV3X3 = "conv3x3" "conv3x3.comp" Conv3x3Push
+            { "STRIDE": "1", "TX": "2", "TY": "2", "NV": "8" } &[], &[], HALVES;
+        /// The same for CPU drivers.
+        CONV3X3_CPU = "conv3x3_cpu" "conv3x3.comp" Conv3x3Push
+            { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_SHARED": "1", "TEXELS": "1", "TAP_BY_TAP": "1" } CONV_TEXELS, CPU, CPU_HALVES;
+        /// Convolution, stride 2.
+        CONV3X3_S2 = "conv3x3_s2" "conv3x3.comp" Conv3x3Push
+            { "STRIDE": "2", "TX": "2", "TY": "2", "NV": "8" } &[], &[], HALVES;
+        /// The same for CPU drivers.
+        CONV3X3_S2_CPU = "conv3x3_s2_cpu" "conv3x3.comp" Conv3x3Push
+            { "STRIDE": "2", "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_SHARED": "1", "TEXELS": "1", "TAP_BY_TAP": "1" } CONV_TEXELS, CPU, CPU_HALVES;
+        /// Convolution to at most 4 channels.
+        CONV3X3_N4 = "conv3x3_n4" "conv3x3.comp" Conv3x3Push
+            { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "1" } &[], &[], HALVES;
+        /// The same for CPU drivers.
+        CONV3X3_N4_CPU = "conv3x3_n4_cpu" "conv3x3.comp" Conv3x3Push
+            { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "1", "TEXELS": "1" } CONV_TEXELS, CPU, CPU_HALVES;
+        /// Convolution by F(2x2, 3x3).
+        WINOGRAD3X3_F2 = "winograd3x3_f2" "winograd3x3.comp" Conv3x3Push { "OUT": "2", "TX": "1", "NV": "2" } &[], &[], HALVES;
+        /// The same for CPU drivers.
+        WINOGRAD3X3_F2_CPU = "winograd3x3_f2_cpu" "winograd3x3.comp" Conv3x3Push
+            { "OUT": "2", "TX": "2", "NV": "2", "WEIGHTS_SHARED": "1", "TEXELS": "1" } CONV_TEXELS, CPU, CPU_HALVES;
+        /// Convolution by F(4x4, 3x3).
+        WINOGRAD3X3_F4 = "winograd3x3_f4" "winograd3x3.comp" Conv3x3Push { "OUT": "4", "TX": "1", "NV": "1" } &[], &[], HALVES;
+        /// The same for CPU drivers.
+        WINOGRAD3X3_F4_CPU = "winograd3x3_f4_cpu" "winograd3x3.comp" Conv3x3Push
+            { "OUT": "4", "TX": "1", "NV": "2", "WEIGHTS_SHARED": "1", "TEXELS": "1" } CONV_TEXELS, CPU, CPU_HALVES;
+        /// Depthwise and pointwise convolution in one, tiles of 32 channels.
+        SEPARABLE3X3 = "separable3x3" "separable3x3.comp" Separable3x3Push { "TX": "2", "TY": "2", "NV": "8" } &[], &[], HALVES;
+        /// The same for CPU drivers.
+        SEPARABLE3X3_CPU = "separable3x3_cpu" "separable3x3.comp" Separable3x3Push
+            { "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_SHARED": "1", "TEXELS": "1" } SEPARABLE_TEXELS, CPU, CPU_HALVES;
+        /// Pointwise convolution, tiles of 32 channels.
+        LINEAR = "linear" "linear.comp" LinearPush { "TX": "2", "TY": "2", "NV": "8" } &[], &[], HALVES;
+        /// The same for CPU drivers.
+        LINEAR_CPU = "linear_cpu" "linear.comp" LinearPush
+            { "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_SHARED": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES;
+        /// Depthwise convolution.
+        DEPTHWISE3X3 = "depthwise3x3" "depthwise3x3.comp" Depthwise3x3Push { "TX": "4", "TY": "2" } &[], &[], HALVES;
+        /// The same for CPU drivers.
+        DEPTHWISE3X3_CPU = "depthwise3x3_cpu" "depthwise3x3.comp" Depthwise3x3Push
+            { "TX": "8", "TY": "4", "TEXELS": "1" } MAP_TEXELS, CPU, CPU_HALVES;
+        /// Layer normalisation.
+        LAYER_NORM = "layer_norm" "layer_norm.comp" LayerNormPush {} &[], &[], HALVES;
+        /// The same for CPU drivers.
+        LAYER_NORM_CPU = "layer_norm_cpu" "layer_norm.comp" LayerNormPush { "TEXELS": "1" } MAP_TEXELS, CPU, CPU_HALVES;
+        /// Joint window attention.
+        WINDOW_ATTENTION = "window_attention" "window_attention.comp" WindowAttentionPush {} &[], &[], HALVES;
+        /// The same for CPU drivers.
+        WINDOW_ATTENTION_CPU = "window_attention_cpu" "window_attention.comp" WindowAttentionPush
+            { "TEXELS": "1" } ATTENTION_TEXELS, CPU, CPU_HALVES;
+        /// A small map made large.
+        EXPAND = "expand" "expand.comp" ExpandPush {} &[], &[], HALVES;
+        /// The same for CPU drivers.
+        EXPAND_CPU = "expand_cpu" "expand.comp" ExpandPush { "TEXELS": "1" } SRC_ONLY_TEXELS, CPU, CPU_HALVES;
+        /// Partial sums of tokens.
+        TOKEN_SUM = "token_sum" "token_sum.comp" TokenSumPush {} &[], &[], HALVES;
+        /// Features' input.
+        INPUT_AUX = "input_aux" "input_aux.comp" InputAuxPush {} &[], &[], HALVES;
+        /// Features' input from images.
+        INPUT_AUX_IMAGE = "input_aux_image" "input_aux.comp" InputAuxPush { "IMAGES": "1" } AUX_IMAGES, &[], HALVES;
+    }
+    others {
+        /// Convolution, stride 1, from a map of 32-bit floats to one of halves.
+        CONV3X3_TO_F16 = "conv3x3_to_f16" "conv3x3.comp" Conv3x3Push
+            { "STRIDE": "1", "TX": "2", "TY": "2", "NV": "8", "DST_F16": "1" } &[], HALVES;
+        /// Convolution to at most 4 channels, from a map of halves to one of 32-bit floats.
+        CONV3X3_N4_FROM_F16 = "conv3x3_n4_from_f16" "conv3x3.comp" Conv3x3Push
+            { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "1", "SRC_F16": "1" } &[], &[];
+        /// Convolution on cooperative matrices, stride 1.
+        CONV3X3_MATRIX = "conv3x3_matrix" "conv3x3_matrix.comp" Conv3x3Push { "STRIDE": "1" } &[], MATRIX, MATRIX_CONSTANTS;
+        /// Convolution on cooperative matrices, stride 2.
+        CONV3X3_S2_MATRIX = "conv3x3_s2_matrix" "conv3x3_matrix.comp" Conv3x3Push { "STRIDE": "2" } &[], MATRIX, MATRIX_CONSTANTS;
+        /// Pointwise convolution on cooperative matrices.
+        LINEAR_MATRIX = "linear_matrix" "linear_matrix.comp" LinearPush {} &[], MATRIX, MATRIX_CONSTANTS;
+        /// FiLM vectors.
+        FILM_VECTOR = "film_vector" "film_vector.comp" FilmVectorPush {} &[], &[];
+        /// A histogram to zero.
+        STATS_CLEAR = "stats_clear" "stats_clear.comp" StatsClearPush {} &[], &[];
+        /// Histogram.
+        STATS_HISTOGRAM = "stats_histogram" "stats_histogram.comp" StatsHistogramPush {} &[], &[];
+        /// Histogram of an image.
+        STATS_HISTOGRAM_IMAGE = "stats_histogram_image" "stats_histogram.comp" StatsHistogramPush
+            { "IMAGES": "1" } COLOR_DEPTH_IMAGES, &[];
+        /// Median or depth scale.
+        STATS_SELECT = "stats_select" "stats_select.comp" StatsSelectPush {} &[], &[];
+        /// Log-luminance of tiles.
+        STATS_TILES = "stats_tiles" "stats_tiles.comp" StatsTilesPush {} &[], &[];
+        /// Log-luminance of an image's tiles.
+        STATS_TILES_IMAGE = "stats_tiles_image" "stats_tiles.comp" StatsTilesPush { "IMAGES": "1" } COLOR_IMAGE, &[];
+        /// Key and exposure.
+        STATS_KEY = "stats_key" "stats_key.comp" StatsKeyPush {} &[], &[];
+        /// Colour input.
+        INPUT_COLOR = "input_color" "input_color.comp" InputColorPush {} &[], &[];
+        /// Colour input from an image.
+        INPUT_COLOR_IMAGE = "input_color_image" "input_color.comp" InputColorPush { "IMAGES": "1" } COLOR_IMAGE, &[];
+        /// Output to 32-bit planes.
+        OUTPUT_F32 = "output_f32" "output.comp" OutputPush { "TARGET_F32": "1" } &[], &[];
+        /// Output to 16-bit planes.
+        OUTPUT_F16 = "output_f16" "output.comp" OutputPush { "TARGET_F16": "1" } &[], &[Need::Storage16];
+        /// Output to an rgba32f image.
+        OUTPUT_IMAGE_F32 = "output_image_f32" "output.comp" OutputPush
+            { "IMAGES": "1", "TARGET_FORMAT": "rgba32f" } OUTPUT_IMAGES, &[];
+        /// Output to an rgba16f image.
+        OUTPUT_IMAGE_F16 = "output_image_f16" "output.comp" OutputPush
+            { "IMAGES": "1", "TARGET_FORMAT": "rgba16f", "TARGET_MAX": "65504.0" } OUTPUT_IMAGES, &[];
+        /// Multiply-adds of 32-bit floats.
+        ROOF_FMA_F32 = "roof_fma_f32" "roof_fma.comp" RoofFmaPush {} &[], &[];
+        /// Multiply-adds of pairs of halves.
+        ROOF_FMA_F16 = "roof_fma_f16" "roof_fma.comp" RoofFmaPush { "HALF": "1" } &[], &[Need::Float16];
+        /// Products of matrices of halves.
+        ROOF_MATRIX = "roof_matrix" "roof_matrix.comp" RoofFmaPush {} &[], MATRIX, MATRIX_CONSTANTS;
+        /// A copy of 32-bit floats.
+        ROOF_COPY_F32 = "roof_copy_f32" "roof_copy.comp" RoofCopyPush {} &[], &[];
+        /// A copy of halves.
+        ROOF_COPY_F16 = "roof_copy_f16" "roof_copy.comp" RoofCopyPush { "SRC_F16": "1", "DST_F16": "1" } &[], HALVES;
+    }
 }

@@ -1,10 +1,10 @@
 //! The dense kernels: 3x3 and pointwise convolution, with bias, FiLM, residual, activation and pixel shuffles.
 
 use super::contract::Contract;
-use super::contracts::{self, Conv3x3Push, LinearPush};
+use super::contracts::{self, Conv3x3Push, LinearPush, halves};
 use super::{
     Activation, Addresses, BufferId, Kernel, PushBytes, Shuffle, TexelRange, Tiles, Traffic, Variants, View,
-    activation_flag, flags, groups,
+    activation_flag, by_storage, flags, groups,
 };
 
 /// Output channels of one workgroup, and what the packer pads the weights to.
@@ -20,7 +20,8 @@ pub fn conv_tile_channels(channels: u32) -> u32 {
 /// `shuffle(act(film(conv3x3(src) + bias) + residual))`, zero padding at the map's borders.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Conv3x3 {
-    /// Input.
+    /// Input. Stored as the output is, but for a stride of 1: from 32-bit floats to halves, and to at most
+    /// [`NARROW_CHANNELS`] channels from halves to 32-bit floats.
     pub src: View,
     /// Output, in its shape after the shuffle.
     pub dst: View,
@@ -65,13 +66,18 @@ impl Kernel for Conv3x3 {
         if let Some(contract) = matrix_contract(self, variants) {
             return contract;
         }
-        match (conv_tile_channels(self.channels) == NARROW_CHANNELS, self.stride, variants.cpu) {
-            (true, _, true) => &contracts::CONV3X3_N4_CPU,
-            (true, _, false) => &contracts::CONV3X3_N4,
-            (false, 2, true) => &contracts::CONV3X3_S2_CPU,
-            (false, 2, false) => &contracts::CONV3X3_S2,
-            (false, _, true) => &contracts::CONV3X3_CPU,
-            (false, _, false) => &contracts::CONV3X3,
+        let narrow = conv_tile_channels(self.channels) == NARROW_CHANNELS;
+        // Texels are of any type.
+        let of = |f32, f16| by_storage(self.dst.storage, f32, f16);
+        match (narrow, self.stride, variants.for_texels(&self.texels()).cpu) {
+            (true, _, true) => of(&contracts::CONV3X3_N4_CPU, &halves::CONV3X3_N4_CPU),
+            (false, 2, true) => of(&contracts::CONV3X3_S2_CPU, &halves::CONV3X3_S2_CPU),
+            (false, _, true) => of(&contracts::CONV3X3_CPU, &halves::CONV3X3_CPU),
+            (true, _, false) if self.src.storage == self.dst.storage => of(&contracts::CONV3X3_N4, &halves::CONV3X3_N4),
+            (true, _, false) => &contracts::CONV3X3_N4_FROM_F16,
+            (false, 2, false) => of(&contracts::CONV3X3_S2, &halves::CONV3X3_S2),
+            (false, _, false) if self.src.storage == self.dst.storage => of(&contracts::CONV3X3, &halves::CONV3X3),
+            (false, _, false) => &contracts::CONV3X3_TO_F16,
         }
     }
 
@@ -177,8 +183,10 @@ impl Kernel for Linear {
     fn contract(&self, variants: Variants) -> &'static Contract {
         match variants {
             Variants { matrix: true, .. } => &contracts::LINEAR_MATRIX,
-            Variants { cpu: true, .. } => &contracts::LINEAR_CPU,
-            _ => &contracts::LINEAR,
+            _ if variants.for_texels(&self.texels()).cpu => {
+                by_storage(self.dst.storage, &contracts::LINEAR_CPU, &halves::LINEAR_CPU)
+            }
+            _ => by_storage(self.dst.storage, &contracts::LINEAR, &halves::LINEAR),
         }
     }
 

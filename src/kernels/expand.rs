@@ -1,8 +1,8 @@
 //! A small map made large.
 
 use super::contract::Contract;
-use super::contracts::{self, ExpandPush};
-use super::{Addresses, HALF_TILE, Kernel, PushBytes, TexelRange, Tiles, Traffic, Variants, View, groups};
+use super::contracts::{self, ExpandPush, halves};
+use super::{Addresses, HALF_TILE, Kernel, PushBytes, TexelRange, Tiles, Traffic, Variants, View, by_storage, groups};
 
 /// Repeats the middle of a map whose middle is all alike, half tile by half tile; its borders stay at the borders.
 #[derive(Clone, Debug, PartialEq)]
@@ -32,7 +32,10 @@ impl Expand {
 
 impl Kernel for Expand {
     fn contract(&self, variants: Variants) -> &'static Contract {
-        if variants.cpu { &contracts::EXPAND_CPU } else { &contracts::EXPAND }
+        match variants.for_texels(&self.texels()).cpu {
+            true => by_storage(self.dst.storage, &contracts::EXPAND_CPU, &halves::EXPAND_CPU),
+            false => by_storage(self.dst.storage, &contracts::EXPAND, &halves::EXPAND),
+        }
     }
 
     fn groups(&self, _: Variants) -> [u32; 3] {

@@ -3,8 +3,8 @@
 //! The mean is summed in two levels of fixed order, so that every run gives the same bits.
 
 use super::contract::Contract;
-use super::contracts::{self, FilmVectorPush, TokenSumPush};
-use super::{Addresses, BufferId, Kernel, PushBytes, Traffic, Variants, View, groups};
+use super::contracts::{self, FilmVectorPush, TokenSumPush, halves};
+use super::{Addresses, BufferId, Kernel, PushBytes, Traffic, Variants, View, by_storage, groups};
 
 /// Most partial sums of a frame.
 const MAX_SUMS: u64 = 4096;
@@ -43,7 +43,7 @@ impl TokenSum {
 
 impl Kernel for TokenSum {
     fn contract(&self, _: Variants) -> &'static Contract {
-        &contracts::TOKEN_SUM
+        by_storage(self.src.storage, &contracts::TOKEN_SUM, &halves::TOKEN_SUM)
     }
 
     fn groups(&self, _: Variants) -> [u32; 3] {

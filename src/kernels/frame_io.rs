@@ -1,9 +1,11 @@
 //! The frame's way into the network and out of it.
 
 use super::contract::Contract;
-use super::contracts::{self, InputAuxPush, InputColorPush, OutputPush};
+use super::contracts::{self, InputAuxPush, InputColorPush, OutputPush, halves};
 use super::stats::STATS_FLOATS;
-use super::{Addresses, BufferId, Kernel, PlaneArgs, PushBytes, Tiles, Traffic, Variants, View, flags, groups};
+use super::{
+    Addresses, BufferId, Kernel, PlaneArgs, PushBytes, Tiles, Traffic, Variants, View, by_storage, flags, groups,
+};
 use crate::frame::Region;
 
 pub(super) fn color_flags(plane: &PlaneArgs) -> u32 {
@@ -90,7 +92,10 @@ pub struct InputAux {
 
 impl Kernel for InputAux {
     fn contract(&self, variants: Variants) -> &'static Contract {
-        if variants.images { &contracts::INPUT_AUX_IMAGE } else { &contracts::INPUT_AUX }
+        match variants.images {
+            true => by_storage(self.dst.storage, &contracts::INPUT_AUX_IMAGE, &halves::INPUT_AUX_IMAGE),
+            false => by_storage(self.dst.storage, &contracts::INPUT_AUX, &halves::INPUT_AUX),
+        }
     }
 
     fn groups(&self, _: Variants) -> [u32; 3] {

@@ -1,10 +1,10 @@
 //! Kernels that go over a map once: depthwise convolution and layer normalisation.
 
 use super::contract::Contract;
-use super::contracts::{self, Depthwise3x3Push, LayerNormPush};
+use super::contracts::{self, Depthwise3x3Push, LayerNormPush, halves};
 use super::{
     Activation, Addresses, BufferId, Kernel, PushBytes, TexelRange, Tiles, Traffic, Variants, View, activation_flag,
-    groups,
+    by_storage, groups,
 };
 
 /// Channels of one workgroup of the depthwise kernel.
@@ -27,7 +27,10 @@ pub struct Depthwise3x3 {
 
 impl Kernel for Depthwise3x3 {
     fn contract(&self, variants: Variants) -> &'static Contract {
-        if variants.cpu { &contracts::DEPTHWISE3X3_CPU } else { &contracts::DEPTHWISE3X3 }
+        match variants.for_texels(&self.texels()).cpu {
+            true => by_storage(self.dst.storage, &contracts::DEPTHWISE3X3_CPU, &halves::DEPTHWISE3X3_CPU),
+            false => by_storage(self.dst.storage, &contracts::DEPTHWISE3X3, &halves::DEPTHWISE3X3),
+        }
     }
 
     fn groups(&self, _: Variants) -> [u32; 3] {
@@ -75,7 +78,10 @@ pub struct LayerNorm {
 
 impl Kernel for LayerNorm {
     fn contract(&self, variants: Variants) -> &'static Contract {
-        if variants.cpu { &contracts::LAYER_NORM_CPU } else { &contracts::LAYER_NORM }
+        match variants.for_texels(&self.texels()).cpu {
+            true => by_storage(self.dst.storage, &contracts::LAYER_NORM_CPU, &halves::LAYER_NORM_CPU),
+            false => by_storage(self.dst.storage, &contracts::LAYER_NORM, &halves::LAYER_NORM),
+        }
     }
 
     fn groups(&self, _: Variants) -> [u32; 3] {

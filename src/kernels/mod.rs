@@ -239,6 +239,25 @@ impl PushBytes {
     }
 }
 
+impl Variants {
+    /// The same for a kernel that reads these texels: those of halves begin, as all, at multiples of 16 bytes, or are read
+    /// by address.
+    fn for_texels(self, texels: &[TexelRange]) -> Self {
+        Self { cpu: self.cpu && texels.iter().all(|range| range.offset.is_multiple_of(TEXEL_ALIGNMENT)), ..self }
+    }
+}
+
+/// Bytes between the places where a texel buffer may begin.
+const TEXEL_ALIGNMENT: u64 = 16;
+
+/// One of two variants, by how the maps are stored.
+fn by_storage(storage: Storage, f32: &'static Contract, f16: &'static Contract) -> &'static Contract {
+    match storage {
+        Storage::F32 => f32,
+        Storage::F16 => f16,
+    }
+}
+
 /// What every kernel tells the recorder, the planner and the cost model.
 pub trait Kernel {
     /// The shader variant to run.

@@ -1,10 +1,10 @@
 //! A depthwise 3x3 convolution and the pointwise convolution after it as one kernel.
 
 use super::contract::Contract;
-use super::contracts::{self, Separable3x3Push};
+use super::contracts::{self, Separable3x3Push, halves};
 use super::dense::{Linear, TILE_CHANNELS, dense_groups, dense_texels};
 use super::maps::Depthwise3x3;
-use super::{Addresses, Kernel, PushBytes, TexelRange, Traffic, Variants, activation_flag};
+use super::{Addresses, Kernel, PushBytes, TexelRange, Traffic, Variants, activation_flag, by_storage};
 
 /// `pointwise(depthwise(src))`: the depthwise result is not stored, so neither its target nor the source of the pointwise
 /// one is touched.
@@ -18,7 +18,10 @@ pub struct Separable3x3 {
 
 impl Kernel for Separable3x3 {
     fn contract(&self, variants: Variants) -> &'static Contract {
-        if variants.cpu { &contracts::SEPARABLE3X3_CPU } else { &contracts::SEPARABLE3X3 }
+        match variants.for_texels(&self.texels()).cpu {
+            true => by_storage(self.pointwise.dst.storage, &contracts::SEPARABLE3X3_CPU, &halves::SEPARABLE3X3_CPU),
+            false => by_storage(self.pointwise.dst.storage, &contracts::SEPARABLE3X3, &halves::SEPARABLE3X3),
+        }
     }
 
     fn groups(&self, variants: Variants) -> [u32; 3] {

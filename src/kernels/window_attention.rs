@@ -1,8 +1,8 @@
 //! Joint self-attention in windows of 8x8 tokens.
 
 use super::contract::Contract;
-use super::contracts::{self, WindowAttentionPush};
-use super::{Addresses, BufferId, Kernel, PushBytes, TexelRange, Tiles, Traffic, Variants, View, groups};
+use super::contracts::{self, WindowAttentionPush, halves};
+use super::{Addresses, BufferId, Kernel, PushBytes, TexelRange, Tiles, Traffic, Variants, View, by_storage, groups};
 
 /// Head by head: `softmax((Q K^T / sqrt(d) + B) * (Qf Kf^T / sqrt(d) + B)) V`, the product element by element.
 #[derive(Clone, Debug, PartialEq)]
@@ -27,7 +27,10 @@ pub struct WindowAttention {
 
 impl Kernel for WindowAttention {
     fn contract(&self, variants: Variants) -> &'static Contract {
-        if variants.cpu { &contracts::WINDOW_ATTENTION_CPU } else { &contracts::WINDOW_ATTENTION }
+        match variants.for_texels(&self.texels()).cpu {
+            true => by_storage(self.dst.storage, &contracts::WINDOW_ATTENTION_CPU, &halves::WINDOW_ATTENTION_CPU),
+            false => by_storage(self.dst.storage, &contracts::WINDOW_ATTENTION, &halves::WINDOW_ATTENTION),
+        }
     }
 
     fn groups(&self, _: Variants) -> [u32; 3] {

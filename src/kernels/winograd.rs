@@ -1,9 +1,9 @@
 //! Dense 3x3 convolution of stride 1 by Winograd's minimal filtering.
 
 use super::contract::Contract;
-use super::contracts;
+use super::contracts::{self, halves};
 use super::dense::Conv3x3;
-use super::{Addresses, Kernel, PushBytes, TILE, TexelRange, Traffic, Variants, groups};
+use super::{Addresses, Kernel, PushBytes, TILE, TexelRange, Traffic, Variants, by_storage, groups};
 
 /// Outputs of one Winograd tile on a side.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
@@ -44,11 +44,12 @@ pub struct Winograd3x3 {
 
 impl Kernel for Winograd3x3 {
     fn contract(&self, variants: Variants) -> &'static Contract {
-        match (self.tile, variants.cpu) {
-            (WinogradTile::F2, true) => &contracts::WINOGRAD3X3_F2_CPU,
-            (WinogradTile::F2, false) => &contracts::WINOGRAD3X3_F2,
-            (WinogradTile::F4, true) => &contracts::WINOGRAD3X3_F4_CPU,
-            (WinogradTile::F4, false) => &contracts::WINOGRAD3X3_F4,
+        let of = |f32, f16| by_storage(self.conv.dst.storage, f32, f16);
+        match (self.tile, variants.for_texels(&self.texels()).cpu) {
+            (WinogradTile::F2, true) => of(&contracts::WINOGRAD3X3_F2_CPU, &halves::WINOGRAD3X3_F2_CPU),
+            (WinogradTile::F2, false) => of(&contracts::WINOGRAD3X3_F2, &halves::WINOGRAD3X3_F2),
+            (WinogradTile::F4, true) => of(&contracts::WINOGRAD3X3_F4_CPU, &halves::WINOGRAD3X3_F4_CPU),
+            (WinogradTile::F4, false) => of(&contracts::WINOGRAD3X3_F4, &halves::WINOGRAD3X3_F4),
         }
     }
 

@@ -3,7 +3,7 @@
 use super::arch::{Arch, Decoder};
 use super::blocks::{Place, block};
 use super::builder::{Builder, Conv, Linear};
-use super::graph::{Activation, Graph, Shuffle, Slice, Stage};
+use super::graph::{Activation, Graph, Op, OpKind, Shuffle, Slice, Stage};
 
 /// The graph of a valid architecture.
 pub(super) fn build(arch: &Arch) -> Graph {
@@ -73,11 +73,32 @@ pub(super) fn build(arch: &Arch) -> Graph {
     Graph {
         arch: arch.clone(),
         values: b.values,
-        ops: b.ops,
+        ops: film_first(b.ops),
         color: color.value,
         aux: aux.value,
         residual: residual.value,
     }
+}
+
+/// Moves what makes FiLM vectors to where the auxiliary map that it reads has just been written: the decoder's need not be
+/// kept for them.
+fn film_first(ops: Vec<Op>) -> Vec<Op> {
+    let mut ordered: Vec<Op> = Vec::new();
+    for op in ops {
+        let source = match &op.kind {
+            OpKind::FilmMean { input, .. } => Some(input.value),
+            OpKind::FilmVector { input, .. } => Some(*input),
+            _ => None,
+        };
+        let writes = |op: &Op, value| match &op.kind {
+            OpKind::Conv3x3 { output, .. } | OpKind::Linear { output, .. } => output.value == value,
+            OpKind::FilmMean { output, .. } => *output == value,
+            _ => false,
+        };
+        let written = source.and_then(|value| ordered.iter().rposition(|op| writes(op, value)));
+        ordered.insert(written.map_or(ordered.len(), |at| at + 1), op);
+    }
+    ordered
 }
 
 /// X0 at token resolution.
@@ -143,7 +164,7 @@ fn up(b: &mut Builder, i: usize, which: &str, input: Slice, into: Option<Slice>)
 mod tests {
     use super::*;
     use crate::net::arch::{Block, Convolution};
-    use crate::net::graph::{OpKind, Shape};
+    use crate::net::graph::Shape;
     use std::collections::HashSet;
 
     /// The named networks and some that are none of them.

@@ -34,7 +34,7 @@ impl Band {
 impl Lowering<'_> {
     /// Lowers the operation at `at`, or the chain that begins there where it pays. Returns how many operations that were.
     pub(super) fn chain(&mut self, at: usize) -> usize {
-        let chain = Chain::new(self.graph, at);
+        let chain = Chain::new(self.graph, at, self.options.storage);
         let pixels = u64::from(self.padded.width) * u64::from(self.padded.height);
         let widest = chain.widest * pixels / 256;
         let bands =
@@ -97,7 +97,7 @@ struct Chain {
 
 impl Chain {
     /// The longest chain that begins at `at`; a single operation if there is no longer one.
-    fn new(graph: &Graph, at: usize) -> Self {
+    fn new(graph: &Graph, at: usize, storage: Storage) -> Self {
         let mut best = Self { at, ops: 1, locals: Vec::new(), widest: 0, halo: 0, grain: TILE };
         let mut made: Vec<ValueId> = Vec::new();
         let (mut reach, mut grain) = (0, TILE);
@@ -111,8 +111,7 @@ impl Chain {
             if closed && i > at {
                 let bytes = |value: &ValueId| match graph.value(*value).shape {
                     Shape::Map { stride, channels } => {
-                        u64::from(channels.next_multiple_of(4)) * Storage::F32.bytes() * 256
-                            / u64::from(stride * stride)
+                        u64::from(channels.next_multiple_of(4)) * storage.bytes() * 256 / u64::from(stride * stride)
                     }
                     Shape::Vector { .. } => 0,
                 };

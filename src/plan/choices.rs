@@ -1,9 +1,9 @@
 //! What a plan may choose: memory, and which of several lowerings an operation takes.
 
 use super::pack::Pack;
-use crate::kernels::Call;
 use crate::kernels::separable::Separable3x3;
 use crate::kernels::winograd::WinogradTile;
+use crate::kernels::{Call, Storage};
 use crate::net::graph::{Graph, OpKind, Shuffle};
 
 /// What a plan may choose.
@@ -20,12 +20,20 @@ pub struct PlanOptions {
     pub conv: ConvAlgorithm,
     /// How depthwise and pointwise convolutions that belong together are.
     pub separable: SeparableForm,
+    /// How feature maps are stored. Log colour and residual are 32-bit floats always.
+    pub storage: Storage,
     /// Bytes that a map between consecutive operations may take; where it would take more, they run band by band of the frame.
     pub max_chain_bytes: u64,
 }
 
-/// [`PlanOptions::max_chain_bytes`] where nothing is said: wide maps of up to 1024x1024 pixels in whole.
-pub const MAX_CHAIN_BYTES: u64 = 128 << 20;
+/// [`PlanOptions::max_chain_bytes`] where nothing is said. Smaller bands compute more twice, larger ones take more memory: 32-bit
+/// floats leave room in 2 GiB for a frame of 3840x2160, halves just fit 1 GiB.
+pub const fn max_chain_bytes(storage: Storage) -> u64 {
+    match storage {
+        Storage::F32 => 128 << 20,
+        Storage::F16 => 24 << 20,
+    }
+}
 
 impl Default for PlanOptions {
     /// No limit on memory, buffers share it; direct convolutions, two kernels.
@@ -36,7 +44,8 @@ impl Default for PlanOptions {
             keep_features: false,
             conv: ConvAlgorithm::default(),
             separable: SeparableForm::default(),
-            max_chain_bytes: MAX_CHAIN_BYTES,
+            storage: Storage::F32,
+            max_chain_bytes: max_chain_bytes(Storage::F32),
         }
     }
 }

@@ -122,6 +122,13 @@ impl<'a> Lowering<'a> {
         id
     }
 
+    /// How a value is stored: the network's maps as the options say, its input and result in full.
+    fn storage(&self, id: ValueId) -> Storage {
+        let full = [self.graph.color, self.graph.residual].contains(&id);
+        let is_map = matches!(self.graph.value(id).shape, Shape::Map { .. });
+        if is_map && !full { self.options.storage } else { Storage::F32 }
+    }
+
     /// The buffer of a value; within a band, the band's own where the value lives no longer than that.
     pub(super) fn value(&mut self, id: ValueId) -> BufferId {
         let local = self.band.as_ref().is_some_and(|band| band.is_local(id));
@@ -130,15 +137,16 @@ impl<'a> Lowering<'a> {
             return buffer;
         }
         let value = self.graph.value(id);
+        let storage = self.storage(id);
         let bytes = match value.shape {
             Shape::Map { stride, channels } => {
                 let height = self.band.as_ref().filter(|_| local).map_or(self.padded.height, Band::height);
                 let tokens = u64::from(self.padded.width / stride) * u64::from(height / stride);
-                tokens * u64::from(channels.next_multiple_of(4)) * Storage::F32.bytes()
+                tokens * u64::from(channels.next_multiple_of(4)) * storage.bytes()
             }
             Shape::Vector { len } => u64::from(len) * 4,
         };
-        let buffer = self.scratch(&value.name, bytes, Storage::F32);
+        let buffer = self.scratch(&value.name, bytes, storage);
         match self.band.as_mut().filter(|_| local) {
             Some(band) => band.values.insert(id, buffer),
             None => self.values.insert(id, buffer),
@@ -166,7 +174,7 @@ impl<'a> Lowering<'a> {
             width: self.padded.width / stride,
             height: height / stride,
             top: top / stride,
-            storage: Storage::F32,
+            storage: self.storage(slice.value),
         }
     }
 

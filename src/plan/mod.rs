@@ -18,7 +18,7 @@ use crate::kernels::{BufferId, Call, Storage, Traffic, View};
 use crate::net::graph::Stage;
 use pack::Pack;
 
-pub use choices::{ConvAlgorithm, MAX_CHAIN_BYTES, PlanOptions, SeparableForm};
+pub use choices::{ConvAlgorithm, PlanOptions, SeparableForm, max_chain_bytes};
 pub use lower::{plan, plan_part};
 
 /// Where a buffer of the plan lies.

@@ -26,11 +26,13 @@ impl Lowering<'_> {
         match &op.kind {
             OpKind::Conv3x3 { input, weight, bias, stride, activation, shuffle, film, residual, output } => {
                 let channels = conv_outputs(*shuffle, *output);
-                let tile = self.options.conv.tile(*stride, channels);
+                // Winograd has no form between two storages.
+                let (src, dst) = (self.view(*input), self.view(*output));
+                let tile = self.options.conv.tile(*stride, channels).filter(|_| src.storage == dst.storage);
                 let pack = conv_pack(weight, *bias, (input.channels, channels), *shuffle, tile);
                 let conv = dense::Conv3x3 {
-                    src: self.view(*input),
-                    dst: self.view(*output),
+                    src,
+                    dst,
                     channels: channels.next_multiple_of(4),
                     weights: self.pack(weight, pack),
                     film: film.map(|film| self.value(film)),

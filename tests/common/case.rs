@@ -3,6 +3,7 @@
 use super::compare::nmse;
 use super::device::{assert_no_validation_messages, device};
 use super::random::Random;
+use half::f16;
 use vkdenoise::frame::Extent;
 use vkdenoise::kernels::{BufferId, Call, HALF_TILE, Storage, TILE, TileRect, Tiles, Variants, View};
 use vkdenoise::net::{
@@ -18,6 +19,13 @@ pub const PREPROCESSING: Preprocessing = Preprocessing { exposure: ExposureRule:
 
 /// What a kernel may be wrong by: NMSE of its result, without residual.
 pub const KERNEL_LIMIT: f64 = 1e-10;
+
+/// The same where the result is stored in halves and rounded to the nearest: the error is uniform within half a unit in the
+/// last place, 2^-11 of a power of two, so its mean square is at most 2^-20 / 12.
+pub const HALF_LIMIT: f64 = 8e-8;
+
+/// Both storages and their limits.
+pub const STORAGES: [(Storage, f64); 2] = [(Storage::F32, KERNEL_LIMIT), (Storage::F16, HALF_LIMIT)];
 
 /// Random weights of a network of two FiLM stages, of `channels` (a standard convolution) and twice as many (a separable
 /// one), and a bottleneck of four times as many.
@@ -76,6 +84,8 @@ enum Content {
 pub struct Cases {
     /// Where shapes and values come from.
     pub random: Random,
+    /// How maps are stored from now on.
+    pub storage: Storage,
     weights: Weights,
     buffers: Vec<Buffer>,
     contents: Vec<Content>,
@@ -85,7 +95,15 @@ pub struct Cases {
 impl Cases {
     /// No cases yet. Packs are made from `weights`; those of dense kernels may ask for less than a tensor holds.
     pub fn new(seed: u64, weights: Weights) -> Self {
-        Self { random: Random::new(seed), weights, buffers: Vec::new(), contents: Vec::new(), cases: Vec::new() }
+        let storage = Storage::F32;
+        Self {
+            random: Random::new(seed),
+            storage,
+            weights,
+            buffers: Vec::new(),
+            contents: Vec::new(),
+            cases: Vec::new(),
+        }
     }
 
     fn push(&mut self, name: &str, bytes: u64, place: Place, content: Content) -> BufferId {
@@ -118,7 +136,11 @@ impl Cases {
     /// A map of random values in -`scale`..`scale`, somewhere in the channels and rows of a larger one.
     pub fn map(&mut self, size: (u32, u32), channels: u32, scale: f32) -> View {
         let view = self.target(size, channels);
-        let values = self.random.values((self.buffers[view.buffer.0].bytes / 4) as usize, -scale, scale);
+        let Buffer { bytes, storage, .. } = &self.buffers[view.buffer.0];
+        let mut values = self.random.values((bytes / storage.bytes()) as usize, -scale, scale);
+        if *storage == Storage::F16 {
+            values.iter_mut().for_each(|value| *value = f16::from_f32(*value).to_f32());
+        }
         self.contents[view.buffer.0] = Content::Floats(values);
         view
     }
@@ -129,8 +151,12 @@ impl Cases {
         let first = 4 * self.random.pick(&[0, 0, 1, 3, 8]);
         let stride = first + channels + 4 * self.random.pick(&[0, 0, 1, 5]);
         let (top, below) = (8 * self.random.pick(&[0, 0, 1, 2]), 8 * self.random.pick(&[0, 0, 1]));
-        let buffer = self.empty("map", (width * (top + height + below) * stride) as usize);
-        View { buffer, first, channels, stride, width, height, top, storage: Storage::F32 }
+        let storage = self.storage;
+        // An even number of halves fills whole words.
+        let elements = u64::from(width * (top + height + below) * stride);
+        let buffer = self.in_arena("map", (elements * storage.bytes()) as usize, Content::Nothing);
+        self.buffers[buffer.0].storage = storage;
+        View { buffer, first, channels, stride, width, height, top, storage }
     }
 
     /// Every tile of a map, a rectangle, or some of them in any order.
@@ -187,7 +213,7 @@ impl Cases {
             for (i, content) in self.contents.iter().enumerate() {
                 match content {
                     Content::Nothing => {}
-                    Content::Floats(values) => bench.upload(BufferId(i), values),
+                    Content::Floats(values) => bench.upload(BufferId(i), &self.stored(i, values)),
                     Content::Tiles(tiles) => bench.upload(BufferId(i), &tile_bits(tiles)),
                 }
                 before.push(self.bits(&bench, BufferId(i)));
@@ -199,7 +225,7 @@ impl Cases {
 
             let mut worst = 0.0f64;
             for (case, (call, result)) in self.cases.iter().enumerate() {
-                let nmse = compare(&after[result.0], &expected[case])
+                let nmse = compare(&self.elements(*result, &after[result.0], &expected[case]), &expected[case])
                     .unwrap_or_else(|wrong| panic!("{name} {variants:?}: {wrong} in {call:?}"));
                 let limit = if on_matrices(call) { MATRIX_LIMIT } else { limit };
                 assert!(nmse <= limit, "{name} {variants:?}: NMSE {nmse:.1e} in {call:?}");
@@ -245,6 +271,35 @@ impl Cases {
             results.push(reference.buffer(*result).to_vec());
         }
         results
+    }
+
+    /// Values as a buffer stores them, in words.
+    fn stored(&self, buffer: usize, values: &[f32]) -> Vec<f32> {
+        match self.buffers[buffer].storage {
+            Storage::F32 => values.to_vec(),
+            Storage::F16 => {
+                let halves = |pair: &[f32]| {
+                    pair.iter().rev().fold(0, |word, v| word << 16 | u32::from(f16::from_f32(*v).to_bits()))
+                };
+                values.chunks(2).map(|pair| f32::from_bits(halves(pair))).collect()
+            }
+        }
+    }
+
+    /// The elements in a buffer's words, as the bits of 32-bit floats; where nothing is expected, the sentinel's are the
+    /// sentinel (elsewhere they may be a value).
+    fn elements(&self, id: BufferId, words: &[u32], expected: &[f64]) -> Vec<u32> {
+        if self.buffers[id.0].storage == Storage::F32 {
+            return words.to_vec();
+        }
+        let unwritten = [SENTINEL & 0xffff, SENTINEL >> 16];
+        let halves = words.iter().flat_map(|word| [word & 0xffff, word >> 16]).zip(expected).enumerate();
+        let element = |(i, (half, expected)): (usize, (u32, &f64))| match expected.is_nan() && half == unwritten[i % 2]
+        {
+            true => SENTINEL,
+            false => f16::from_bits(half as u16).to_f32().to_bits(),
+        };
+        halves.map(element).collect()
     }
 
     fn bits(&self, bench: &Bench, id: BufferId) -> Vec<u32> {

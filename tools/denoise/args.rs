@@ -45,7 +45,8 @@ pub struct Args {
     #[arg(long, value_name = "D", value_parser = parsed::<DeviceSelector>)]
     pub device: Option<DeviceSelector>,
 
-    /// Arithmetic: auto, fp32, or matrix (halves in cooperative matrices, where the device has them)
+    /// Arithmetic and storage: auto, fp32, fp16 (feature maps stored as halves, for half of the memory) or matrix (halves in
+    /// cooperative matrices, where the device has them)
     #[arg(long, value_name = "P", env = "VKDENOISE_PRECISION", default_value = "auto", value_parser = parsed::<Precision>)]
     pub precision: Precision,
 

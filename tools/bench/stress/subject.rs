@@ -60,6 +60,10 @@ impl Tier {
         if preferred.cpu_kernels {
             tiers.push(Self { name: "fp32, portable kernels", cpu_kernels: false, ..preferred });
         }
+        if Bench::can_store_halves(device) {
+            let halves = Self { precision: Precision::F16, exactness: Exactness::Half, ..preferred };
+            tiers.push(Self { name: "fp16 storage", ..halves });
+        }
         tiers
     }
 
