@@ -24,6 +24,7 @@ from .data import Augmentation, TrainingSet, load_views
 from .denoise import denoise
 from .metrics import psnr
 from .model import Denoiser
+from .locality import far_moves
 from .start import start_as_blur
 
 EPSILON = 0.01
@@ -178,6 +179,7 @@ class Trainer:
             "average_decay": args.average_decay,
             "film_jitter": args.film_jitter,
             "favour": args.favour,
+            "locality": args.locality,
             "seed": args.seed,
             "hours": round(self.budget.seconds() / 3600, 2),
             "validation_psnr": self.validation,
@@ -202,7 +204,10 @@ class Trainer:
             residual = self.model(color, aux)
         errors = relative_l2(color + residual.float(), target, self.args.delta, self.args.bright)
         weight = len(color) / self.args.batch
-        gradients = torch.autograd.grad(balanced(errors, self.args.knee) * weight, self.parameters)
+        loss = balanced(errors, self.args.knee)
+        if self.args.locality:
+            loss = loss + self.args.locality * far_moves(self.model, color[:1], aux[:1])
+        gradients = torch.autograd.grad(loss * weight, self.parameters)
         return errors.detach().mean().item() * weight, gradients
 
     def gradients(self, batch):
@@ -293,6 +298,7 @@ def parse(argv=None):
     p.add_argument("--blur-start", action="store_true", help="start as a blur (see start.py)")
     p.add_argument("--clip", type=float, default=1.0, help="largest gradient norm")
     p.add_argument("--average-decay", type=float, default=0.998, help="of the moving average of the weights")
+    p.add_argument("--locality", type=float, default=0.0, help="weight of what a single pixel moves far away (locality.py)")
     p.add_argument("--favour", type=float, default=0.3, help="a render's chance goes with its sample count to this power")
     p.add_argument("--film-jitter", type=float, default=0.3, help="largest share of another crop in a FiLM mean")
     p.add_argument("--bf16", action="store_true", help="autocast to bfloat16")
