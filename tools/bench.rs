@@ -5,6 +5,8 @@
 mod budget;
 #[path = "bench/budget_command.rs"]
 mod budget_command;
+#[path = "palette.rs"]
+mod palette;
 #[path = "bench/pareto/mod.rs"]
 mod pareto;
 #[path = "bench/pareto_command.rs"]

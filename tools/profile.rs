@@ -10,6 +10,8 @@ mod conv;
 mod export;
 #[path = "profile/network.rs"]
 mod network;
+#[path = "palette.rs"]
+mod palette;
 #[path = "profile/parts.rs"]
 mod parts;
 #[path = "profile/plot.rs"]

@@ -5,6 +5,7 @@
 //! twin in [`crate::reference`].
 
 mod accesses;
+mod call;
 pub mod contract;
 pub mod contracts;
 pub mod dense;
@@ -23,6 +24,7 @@ use contract::Contract;
 
 pub use crate::net::graph::{Activation, Shuffle};
 pub use accesses::Accesses;
+pub use call::Call;
 pub use tiles::{HALF_TILE, TILE, TileRect, Tiles, TokenRect};
 
 /// Workgroups in x of one dispatch, the least that Vulkan guarantees; more go to z.
@@ -276,131 +278,6 @@ pub trait Kernel {
     }
     /// Memory that it touches.
     fn traffic(&self) -> Traffic;
-}
-
-/// One kernel with its arguments.
-#[derive(Clone, Debug, PartialEq)]
-pub enum Call {
-    /// Dense 3x3 convolution.
-    Conv3x3(dense::Conv3x3),
-    /// The same by Winograd's minimal filtering.
-    Winograd3x3(winograd::Winograd3x3),
-    /// Pointwise convolution.
-    Linear(dense::Linear),
-    /// Depthwise 3x3 convolution.
-    Depthwise3x3(maps::Depthwise3x3),
-    /// Depthwise and pointwise convolution in one.
-    Separable3x3(separable::Separable3x3),
-    /// Layer normalisation.
-    LayerNorm(maps::LayerNorm),
-    /// Joint window attention.
-    WindowAttention(window_attention::WindowAttention),
-    /// A small map made large.
-    Expand(expand::Expand),
-    /// Partial sums over tokens.
-    TokenSum(film::TokenSum),
-    /// FiLM vectors from partial sums.
-    FilmVector(film::FilmVector),
-    /// Zeroed histograms.
-    StatsClear(stats::Clear),
-    /// Histograms of the frame.
-    StatsHistogram(stats::Histogram),
-    /// Median and depth scale.
-    StatsSelect(stats::Select),
-    /// Log-luminance of tiles.
-    StatsTiles(stats::TileMeans),
-    /// Key and exposure.
-    StatsKey(stats::Key),
-    /// Colour input.
-    InputColor(frame_io::InputColor),
-    /// Features' input.
-    InputAux(frame_io::InputAux),
-    /// Output.
-    Output(frame_io::Output),
-}
-
-impl Call {
-    /// The tiles that it works on, and the map in which they lie, in tokens; `None` for kernels without tiles.
-    pub fn tiles(&self) -> Option<(Tiles, u32, u32)> {
-        let of = |tiles: &Tiles, map: &View| Some((*tiles, map.width, map.height));
-        let conv = |conv: &dense::Conv3x3| {
-            let (width, height) = conv.result_size();
-            Some((conv.tiles, width, height))
-        };
-        match self {
-            Self::Conv3x3(k) => conv(k),
-            Self::Winograd3x3(k) => conv(&k.conv),
-            Self::Separable3x3(k) => of(&k.pointwise.tiles, &k.pointwise.dst),
-            Self::Linear(k) => of(&k.tiles, &k.dst),
-            Self::Depthwise3x3(k) => of(&k.tiles, &k.dst),
-            Self::LayerNorm(k) => of(&k.tiles, &k.dst),
-            Self::WindowAttention(k) => of(&k.tiles, &k.dst),
-            Self::Expand(k) => of(&k.tiles, &k.dst),
-            Self::InputColor(k) => of(&k.tiles, &k.dst),
-            Self::InputAux(k) => of(&k.tiles, &k.dst),
-            Self::Output(k) => Some((k.tiles, k.width, k.height)),
-            _ => None,
-        }
-    }
-
-    /// The tiles that it works on; `None` for kernels without tiles.
-    pub fn tiles_mut(&mut self) -> Option<&mut Tiles> {
-        Some(match self {
-            Self::Conv3x3(k) => &mut k.tiles,
-            Self::Winograd3x3(k) => &mut k.conv.tiles,
-            Self::Separable3x3(k) => &mut k.pointwise.tiles,
-            Self::Linear(k) => &mut k.tiles,
-            Self::Depthwise3x3(k) => &mut k.tiles,
-            Self::LayerNorm(k) => &mut k.tiles,
-            Self::WindowAttention(k) => &mut k.tiles,
-            Self::Expand(k) => &mut k.tiles,
-            Self::InputColor(k) => &mut k.tiles,
-            Self::InputAux(k) => &mut k.tiles,
-            Self::Output(k) => &mut k.tiles,
-            _ => return None,
-        })
-    }
-
-    /// The map that it writes; `None` for kernels that write none.
-    pub fn result(&self) -> Option<&View> {
-        match self {
-            Self::Conv3x3(k) => Some(&k.dst),
-            Self::Winograd3x3(k) => Some(&k.conv.dst),
-            Self::Separable3x3(k) => Some(&k.pointwise.dst),
-            Self::Linear(k) => Some(&k.dst),
-            Self::Depthwise3x3(k) => Some(&k.dst),
-            Self::LayerNorm(k) => Some(&k.dst),
-            Self::Expand(k) => Some(&k.dst),
-            Self::WindowAttention(k) => Some(&k.dst),
-            Self::InputColor(k) => Some(&k.dst),
-            Self::InputAux(k) => Some(&k.dst),
-            _ => None,
-        }
-    }
-
-    /// The call as a kernel.
-    pub fn kernel(&self) -> &dyn Kernel {
-        match self {
-            Self::Conv3x3(k) => k,
-            Self::Winograd3x3(k) => k,
-            Self::Linear(k) => k,
-            Self::Depthwise3x3(k) => k,
-            Self::Separable3x3(k) => k,
-            Self::LayerNorm(k) => k,
-            Self::WindowAttention(k) => k,
-            Self::Expand(k) => k,
-            Self::TokenSum(k) => k,
-            Self::FilmVector(k) => k,
-            Self::StatsClear(k) => k,
-            Self::StatsHistogram(k) => k,
-            Self::StatsSelect(k) => k,
-            Self::StatsTiles(k) => k,
-            Self::StatsKey(k) => k,
-            Self::InputColor(k) => k,
-            Self::InputAux(k) => k,
-            Self::Output(k) => k,
-        }
-    }
 }
 
 /// Flag bits, as in `glsl/shared/*.glsl`.

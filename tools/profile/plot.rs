@@ -1,5 +1,6 @@
 //! The roofline as a picture: FLOPs a byte against FLOPs a second, both axes logarithmic.
 
+use crate::palette::COLORS;
 use plotters::prelude::*;
 use std::path::Path;
 use vkdenoise::profile::Roof;
@@ -15,20 +16,6 @@ pub struct Point {
 /// Of the second roof.
 const GREY: RGBColor = RGBColor(150, 150, 150);
 const SIZE: (u32, u32) = (960, 600);
-
-/// Colours that most eyes tell apart, on white.
-const COLORS: [RGBColor; 10] = [
-    RGBColor(0, 114, 178),
-    RGBColor(213, 94, 0),
-    RGBColor(0, 158, 115),
-    RGBColor(204, 121, 167),
-    RGBColor(86, 180, 233),
-    RGBColor(160, 110, 0),
-    RGBColor(90, 90, 90),
-    RGBColor(110, 60, 160),
-    RGBColor(240, 190, 0),
-    RGBColor(0, 70, 60),
-];
 
 /// Draws the points under the roof.
 ///

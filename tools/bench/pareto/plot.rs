@@ -1,20 +1,11 @@
 //! Time against error as a picture: one colour a sample count, the front as a line.
 
 use super::front::{Metric, Point};
+use crate::palette::COLORS;
 use plotters::prelude::*;
 use std::path::Path;
 
 const SIZE: (u32, u32) = (1000, 640);
-
-/// Colours that most eyes tell apart, on white.
-const COLORS: [RGBColor; 6] = [
-    RGBColor(0, 114, 178),
-    RGBColor(213, 94, 0),
-    RGBColor(0, 158, 115),
-    RGBColor(204, 121, 167),
-    RGBColor(86, 180, 233),
-    RGBColor(160, 110, 0),
-];
 
 /// Draws the points.
 ///
