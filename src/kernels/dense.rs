@@ -3,7 +3,7 @@
 use super::contract::Contract;
 use super::contracts::{self, Conv3x3Push, LinearPush, halves};
 use super::{
-    Activation, Addresses, BufferId, Kernel, PushBytes, Shuffle, TexelRange, Tiles, Traffic, Variants, View,
+    Activation, Addresses, BufferId, Kernel, PushBytes, Shuffle, Storage, TexelRange, Tiles, Traffic, Variants, View,
     activation_flag, by_storage, flags, groups,
 };
 
@@ -142,9 +142,15 @@ impl Conv3x3 {
     }
 }
 
+/// Whether kernels on cooperative matrices can work on these maps: they read and write 32-bit floats.
+fn fits_matrices<'a>(mut views: impl Iterator<Item = &'a View>) -> bool {
+    views.all(|view| view.storage == Storage::F32)
+}
+
 /// The variant of a convolution on cooperative matrices, where there is one: to more channels than a narrow one has.
 fn matrix_contract(conv: &Conv3x3, variants: Variants) -> Option<&'static Contract> {
-    let wide = variants.matrix && conv_tile_channels(conv.channels) != NARROW_CHANNELS;
+    let fits = fits_matrices([&conv.src, &conv.dst].into_iter().chain(&conv.residual));
+    let wide = variants.matrix && fits && conv_tile_channels(conv.channels) != NARROW_CHANNELS;
     wide.then_some(if conv.stride == 2 { &contracts::CONV3X3_S2_MATRIX } else { &contracts::CONV3X3_MATRIX })
 }
 
@@ -181,8 +187,9 @@ impl Linear {
 
 impl Kernel for Linear {
     fn contract(&self, variants: Variants) -> &'static Contract {
+        let maps = || [&self.src, &self.dst].into_iter().chain(&self.src_b).chain(&self.residual);
         match variants {
-            Variants { matrix: true, .. } => &contracts::LINEAR_MATRIX,
+            Variants { matrix: true, .. } if fits_matrices(maps()) => &contracts::LINEAR_MATRIX,
             _ if variants.for_texels(&self.texels()).cpu => {
                 by_storage(self.dst.storage, &contracts::LINEAR_CPU, &halves::LINEAR_CPU)
             }
