@@ -199,7 +199,9 @@ fn every_texel_buffer_of_a_contract_has_its_range() {
 #[test]
 fn dense_kernels_have_a_variant_on_matrices() {
     let variants = Variants { cpu: true, matrix: true, images: false, output_half: false };
-    for (name, plan) in plans(Extent::new(128, 128)) {
+    // Kernels on matrices take maps of 32-bit floats.
+    let in_floats = |plan: &Plan| plan.buffers.iter().all(|buffer| buffer.storage == Storage::F32);
+    for (name, plan) in plans(Extent::new(128, 128)).into_iter().filter(|(_, plan)| in_floats(plan)) {
         let (mut on_matrices, mut dense) = (0, 0);
         for dispatch in &plan.dispatches {
             let contract = dispatch.call.kernel().contract(variants);
