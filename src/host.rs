@@ -4,6 +4,7 @@ use crate::denoiser::Report;
 use crate::engine::Engine;
 use crate::error::{Error, Result};
 use crate::frame::{Extent, Features, Layout, PlaneMut, Region};
+use crate::kernels::stats::EXPOSURE;
 use crate::memory::{INPUT_FLOATS, MemoryRequired, OUTPUT_FLOATS, input_bytes, output_bytes};
 use crate::pass::{Binding, FrameOptions, Pass};
 use crate::profile::{KernelRecord, Profiler};
@@ -107,7 +108,7 @@ impl HostPass {
         }
         let stats = &bytemuck::cast_slice::<u8, f32>(self.output.bytes())[OUTPUT_FLOATS as usize * pixels..];
         Ok(Report {
-            exposure: stats.get(2).copied().unwrap_or(f32::NAN),
+            exposure: stats.get(EXPOSURE).copied().unwrap_or(f32::NAN),
             gpu_ms,
             work: self.work,
             total_ms: started.elapsed().as_secs_f64() * 1e3,
