@@ -7,6 +7,8 @@ parameters keep their usual start, and everything can still change.
 """
 import torch
 
+from .blocks import FilmCnn
+
 STRENGTH = 0.8
 TENT = torch.tensor([0.25, 0.5, 0.25])
 BLUR = torch.outer(TENT, TENT)
@@ -22,9 +24,9 @@ def copy_channel(conv, target, source, y=1, x=1):
 
 @torch.no_grad()
 def start_as_blur(model):
-    """Needs a stage 0 whose decoder has C channels ("symmetric") 2x2 patches and FiLM-CNN blocks."""
-    if model.arch.name != "hybrid":
-        raise ValueError("this start is written for the hybrid network")
+    """Needs 2x2 patches and a decoder of C channels at stage 0: the Hybrid and +Expanded Patch."""
+    if not (hasattr(model, "patch_embed_x") and "0" in model.skip):
+        raise ValueError(f"the blur start needs 2x2 patches and a symmetric decoder, which {model.arch.name} does not have")
     channels, skip = model.arch.channels, model.skip["0"]
     for color in range(3):
         copy_channel(model.color_proj, color, color)
@@ -44,5 +46,6 @@ def start_as_blur(model):
             model.patch_unembed.weight[blurred, color * 4 : color * 4 + 4] = BLUR / 4
     model.output.bias.zero_()
     for block in [*model.enc[0], *model.dec[0]]:
-        for last in [block.film, block.ffn.contract]:
+        branch = block.film if isinstance(block, FilmCnn) else block.proj
+        for last in [branch, block.ffn.contract]:
             last.weight *= 0.1
