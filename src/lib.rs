@@ -47,6 +47,7 @@
 //! The same input on the same device gives the same bits. Non-finite, negative and absurdly bright pixels and
 //! isolated fireflies are mended and stay local. All types are `Send` and `Sync`; what records or runs takes `&self` or `&mut self` as its doc says.
 
+mod cache;
 pub mod denoiser;
 mod descriptors;
 mod engine;
@@ -59,7 +60,9 @@ pub mod kernels;
 mod memory;
 pub mod metrics;
 pub mod net;
+mod parallel;
 pub mod pass;
+mod pipelines;
 pub mod plan;
 pub mod profile;
 mod record;
@@ -70,6 +73,7 @@ pub mod testing;
 pub mod vk;
 mod weights;
 
+pub use cache::Cache;
 pub use denoiser::{Denoiser, Exposure, Options, Precision, Report};
 pub use error::{Error, Result};
 pub use frame::{Extent, Features, Frame, Layout, Plane, PlaneMut, Region, Samples, SamplesMut};

@@ -5,7 +5,7 @@ use ash::{ext, khr, vk};
 use half::f16;
 use std::ffi::{CStr, c_void};
 use std::sync::Mutex;
-use vkdenoise::{Device, Extent, ImageFormat, ImagePlane, RendererDevice};
+use vkdenoise::{Cache, Device, Extent, ImageFormat, ImagePlane, RendererDevice};
 
 pub struct Renderer {
     entry: ash::Entry,
@@ -149,6 +149,7 @@ impl Renderer {
             cooperative_matrix: self
                 .matrices
                 .then(|| khr::cooperative_matrix::Instance::new(&self.entry, &self.instance)),
+            cache: Cache::Off,
         }
     }
 
