@@ -62,13 +62,13 @@ pub mod net;
 pub mod pass;
 pub mod plan;
 pub mod profile;
+mod quality;
 mod record;
 pub mod reference;
 pub mod renderer;
 #[doc(hidden)]
 pub mod testing;
 pub mod vk;
-mod weights;
 
 pub use denoiser::{Denoiser, Exposure, Options, Precision, Report};
 pub use error::{Error, Result};
@@ -77,6 +77,7 @@ pub use memory::MemoryRequired;
 pub use net::weights::Weights;
 pub use pass::{Binding, FrameOptions, Pass};
 pub use profile::{KernelRecord, Profiler};
+pub use quality::Quality;
 pub use renderer::{BufferFrame, BufferPlane, ImageFormat, ImageFrame, ImagePlane, SampleFormat};
 pub use vk::caps::{DeviceInfo, DeviceKind, Requirements};
 pub use vk::device::{Device, DeviceOptions, RendererDevice};
