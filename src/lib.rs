@@ -65,13 +65,13 @@ pub mod pass;
 mod pipelines;
 pub mod plan;
 pub mod profile;
+mod quality;
 mod record;
 pub mod reference;
 pub mod renderer;
 #[doc(hidden)]
 pub mod testing;
 pub mod vk;
-mod weights;
 
 pub use cache::Cache;
 pub use denoiser::{Denoiser, Exposure, Options, Precision, Report};
@@ -81,6 +81,7 @@ pub use memory::MemoryRequired;
 pub use net::weights::Weights;
 pub use pass::{Binding, FrameOptions, Pass};
 pub use profile::{KernelRecord, Profiler};
+pub use quality::Quality;
 pub use renderer::{BufferFrame, BufferPlane, ImageFormat, ImageFrame, ImagePlane, SampleFormat};
 pub use vk::caps::{DeviceInfo, DeviceKind, Requirements};
 pub use vk::device::{Device, DeviceOptions, RendererDevice};

@@ -4,7 +4,8 @@
 mod common;
 
 use ash::vk;
-use common::vulkan::{Renderer, RendererBuffer, RendererImage};
+use common::image::RendererImage;
+use common::vulkan::{Renderer, RendererBuffer};
 use half::f16;
 use vkdenoise::{
     BufferFrame, BufferPlane, Denoiser, Device, Error, Extent, Features, Frame, FrameOptions, ImageFormat, ImageFrame,

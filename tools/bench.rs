@@ -5,12 +5,12 @@
 mod budget;
 #[path = "bench/budget_command.rs"]
 mod budget_command;
-#[path = "palette.rs"]
-mod palette;
 #[path = "bench/pareto/mod.rs"]
 mod pareto;
 #[path = "bench/pareto_command.rs"]
 mod pareto_command;
+#[path = "plotting.rs"]
+mod plotting;
 #[path = "bench/skip_command.rs"]
 mod skip_command;
 #[path = "bench/stress/mod.rs"]

@@ -10,12 +10,12 @@ mod conv;
 mod export;
 #[path = "profile/network.rs"]
 mod network;
-#[path = "palette.rs"]
-mod palette;
 #[path = "profile/parts.rs"]
 mod parts;
 #[path = "profile/plot.rs"]
 mod plot;
+#[path = "plotting.rs"]
+mod plotting;
 #[path = "profile/rows.rs"]
 mod rows;
 #[path = "profile/session.rs"]

@@ -6,6 +6,7 @@ pub mod case;
 pub mod compare;
 pub mod device;
 pub mod golden;
+pub mod image;
 pub mod network;
 pub mod planes;
 pub mod random;

@@ -3,7 +3,7 @@
 use clap::Parser;
 use std::path::PathBuf;
 use vkdenoise::exr_io::FeatureSource;
-use vkdenoise::{DeviceSelector, Exposure, Precision, Region};
+use vkdenoise::{DeviceSelector, Exposure, Precision, Quality, Region};
 
 /// Denoises OpenEXR renders with Vulkan.
 ///
@@ -37,8 +37,12 @@ pub struct Args {
     #[arg(long, value_name = "NAME")]
     pub layer: Option<String>,
 
-    /// Weights file (safetensors) in place of the built-in one
-    #[arg(long, value_name = "F")]
+    /// Run time against error: fast, balanced or high. It chooses the network and, where --precision is auto, the storage
+    #[arg(long, value_name = "Q", default_value = "balanced", value_parser = parsed::<Quality>)]
+    pub quality: Quality,
+
+    /// Weights file (safetensors) in place of a built-in network
+    #[arg(long, value_name = "F", conflicts_with = "quality")]
     pub weights: Option<PathBuf>,
 
     /// Vulkan device: "best", an index of --list-devices or part of a name [env: VKDENOISE_DEVICE]

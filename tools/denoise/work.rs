@@ -7,7 +7,7 @@ use crate::{Failure, interrupt, preview};
 use indicatif::{ProgressBar, ProgressStyle};
 use std::time::Duration;
 use vkdenoise::exr_io::{ExrError, ExrFrame, LayerOptions};
-use vkdenoise::{Denoiser, Device, DeviceSelector, Error, Extent, Layout, Options, PlaneMut, Weights};
+use vkdenoise::{Denoiser, Device, DeviceSelector, Error, Extent, Layout, Options, PlaneMut, Precision, Weights};
 
 /// Does all jobs. One that fails does not keep the others from being done.
 pub fn run(args: &Args, jobs: &[Job]) -> Result<(), Failure> {
@@ -15,7 +15,7 @@ pub fn run(args: &Args, jobs: &[Job]) -> Result<(), Failure> {
         Some(file) => {
             Weights::from_file(file).map_err(|error| Failure::Failed(format!("{}: {error}", file.display())))?
         }
-        None => Weights::hybrid().map_err(Failure::failed)?,
+        None => args.quality.weights().map_err(Failure::failed)?,
     };
     let mut session = Session { args, weights, engine: None, bar: bar(args, jobs.len()) };
     let mut failed = 0;
@@ -80,15 +80,15 @@ struct Engine {
 impl Engine {
     fn open(args: &Args, weights: &Weights) -> Result<Self, Error> {
         let selector = args.device.clone().or_else(DeviceSelector::from_env).unwrap_or_default();
+        let device = Device::open(&selector)?;
         let Args { precision, exposure, blend, memory_budget, .. } = args;
         let options = Options {
-            precision: *precision,
+            precision: if *precision == Precision::Auto { args.quality.precision(&device) } else { *precision },
             exposure: *exposure,
             blend: *blend,
             memory_budget: memory_budget.map(|mib| mib << 20),
             ..Options::default()
         };
-        let device = Device::open(&selector)?;
         let mut denoiser = Denoiser::new(&device, weights, &options)?;
         denoiser.set_region(args.region);
         Ok(Self { device, denoiser })
@@ -150,6 +150,7 @@ impl Session<'_> {
             region,
             device: &info.name,
             driver: &info.driver,
+            network: self.weights.arch().name.clone(),
             precision,
             report: &report,
             selection: image.selection(),

@@ -1,6 +1,6 @@
 //! The roofline as a picture: FLOPs a byte against FLOPs a second, both axes logarithmic.
 
-use crate::palette::COLORS;
+use crate::plotting::{COLORS, legend};
 use plotters::prelude::*;
 use std::path::Path;
 use vkdenoise::profile::Roof;
@@ -80,12 +80,6 @@ pub fn roofline(path: &Path, title: &str, roof: &Roof, points: &[Point]) -> Resu
             .label(name)
             .legend(move |(x, y)| Circle::new((x + 9, y), 4, color.filled()));
     }
-    chart
-        .configure_series_labels()
-        .position(SeriesLabelPosition::LowerRight)
-        .background_style(WHITE.mix(0.9))
-        .border_style(BLACK.mix(0.3))
-        .draw()
-        .map_err(said)?;
+    legend(&mut chart).map_err(said)?;
     area.present().map_err(said)
 }

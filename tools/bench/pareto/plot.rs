@@ -1,7 +1,7 @@
 //! Time against error as a picture: one colour a sample count, the front as a line.
 
 use super::front::{Metric, Point};
-use crate::palette::COLORS;
+use crate::plotting::{COLORS, legend};
 use plotters::prelude::*;
 use std::path::Path;
 
@@ -56,12 +56,6 @@ pub fn draw(path: &Path, title: &str, metric: Metric, points: &[Point]) -> Resul
             chart.draw_series(std::iter::once(mark)).map_err(said)?;
         }
     }
-    chart
-        .configure_series_labels()
-        .position(SeriesLabelPosition::LowerRight)
-        .background_style(WHITE.mix(0.9))
-        .border_style(BLACK.mix(0.3))
-        .draw()
-        .map_err(said)?;
+    legend(&mut chart).map_err(said)?;
     area.present().map_err(said)
 }
