@@ -1,11 +1,13 @@
 //! Files that save work between processes, in a folder of the user's. They hold nothing that cannot be made again: one that is
 //! missing, damaged or cannot be written costs time, and is no error.
 
+use std::convert::Infallible;
 use std::fs::{self, File, OpenOptions};
 use std::hash::Hasher;
 use std::io::{self, Read, Write};
 use std::path::{Path, PathBuf};
 use std::process;
+use std::str::FromStr;
 use std::sync::atomic::{AtomicU64, Ordering};
 
 /// Where compiled kernels are kept between processes.
@@ -33,6 +35,19 @@ impl Cache {
                 base.map(|base| base.join("vkdenoise"))
             }
         }
+    }
+}
+
+impl FromStr for Cache {
+    type Err = Infallible;
+
+    /// `user`, `off` or a folder.
+    fn from_str(text: &str) -> Result<Self, Infallible> {
+        Ok(match text {
+            "user" => Self::User,
+            "off" => Self::Off,
+            folder => Self::Folder(folder.into()),
+        })
     }
 }
 
@@ -172,6 +187,8 @@ mod tests {
 
     #[test]
     fn a_cache_is_a_folder_or_off() {
+        let parsed = ["user", "off", "here"].map(|text| text.parse::<Cache>().unwrap());
+        assert_eq!(parsed, [Cache::User, Cache::Off, Cache::Folder("here".into())]);
         assert_eq!(Cache::Off.folder(), None);
         assert_eq!(Cache::Folder("here".into()).folder(), Some("here".into()));
         assert!(Cache::User.folder().is_none_or(|folder| folder.is_absolute() && folder.ends_with("vkdenoise")));

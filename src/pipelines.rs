@@ -10,6 +10,7 @@ use crate::vk::pipeline::Pipeline;
 use crate::vk::statistics::{PipelineStatistic, of_pipeline};
 use std::collections::{BTreeMap, HashMap};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::time::Instant;
 
 type Made = HashMap<&'static str, Arc<Pipeline>>;
 
@@ -58,12 +59,14 @@ impl Pipelines {
         if !missing.is_empty() {
             let missing: Vec<_> = missing.into_values().collect();
             missing.iter().try_for_each(|contract| self.check(contract))?;
+            let started = Instant::now();
             let new = parallel::map(&missing, |contract| Pipeline::new(&self.device, contract));
             for (contract, pipeline) in missing.iter().zip(new) {
                 let pipeline = Arc::new(pipeline?);
                 // Another thread may have been faster.
                 self.made().entry(contract.name).or_insert(pipeline);
             }
+            tracing::debug!(count = missing.len(), elapsed = ?started.elapsed(), "pipelines");
             self.device.pipeline_cache().store(self.device.raw());
         }
         let made = self.made();

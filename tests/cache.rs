@@ -1,4 +1,5 @@
-//! Compiled kernels are kept for the next process, whatever state the folder is in, and made side by side.
+//! What is not done again: compiled kernels are kept for the next process, whatever state the folder is in, each is made
+//! once, and a frame is recorded once.
 //!
 //! lavapipe keeps nothing in a pipeline cache, so these tests put something there: what the driver is asked for and given is
 //! seen, the kernels themselves are its own.
@@ -14,7 +15,9 @@ use std::path::{Path, PathBuf};
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::time::Duration;
 use vkdenoise::testing::open_patched;
-use vkdenoise::{Cache, Denoiser, Device, DeviceOptions, DeviceSelector, Extent, Layout, Options, PlaneMut, Weights};
+use vkdenoise::{
+    Cache, Denoiser, Device, DeviceOptions, DeviceSelector, Exposure, Extent, Layout, Options, PlaneMut, Weights,
+};
 
 /// What has gone to and fro since the test began.
 #[derive(Default)]
@@ -27,6 +30,9 @@ struct Seen {
     made: usize,
     making: usize,
     most: usize,
+    /// Command buffers begun, and submits.
+    recorded: usize,
+    submitted: usize,
 }
 
 static SEEN: Mutex<Option<Seen>> = Mutex::new(None);
@@ -116,12 +122,39 @@ unsafe extern "system" fn create_compute_pipelines(
     result
 }
 
+unsafe extern "system" fn begin_command_buffer(
+    commands: vk::CommandBuffer,
+    info: *const vk::CommandBufferBeginInfo<'_>,
+) -> vk::Result {
+    with_seen(|seen| seen.recorded += 1);
+    // SAFETY: the arguments are the caller's.
+    unsafe { (driver().begin_command_buffer)(commands, info) }
+}
+
+unsafe extern "system" fn queue_submit(
+    queue: vk::Queue,
+    count: u32,
+    submits: *const vk::SubmitInfo<'_>,
+    fence: vk::Fence,
+) -> vk::Result {
+    with_seen(|seen| seen.submitted += count as usize);
+    // SAFETY: the arguments are the caller's.
+    unsafe { (driver().queue_submit)(queue, count, submits, fence) }
+}
+
 fn open(cache: Cache) -> Device {
     let selector = DeviceSelector::from_env().unwrap_or_default();
     let options = DeviceOptions { selector, validation: true, cache, ..DeviceOptions::default() };
     let patched = |own: &DeviceFnV1_0| {
         *lock(&DRIVER) = Some(own.clone());
-        DeviceFnV1_0 { create_pipeline_cache, get_pipeline_cache_data, create_compute_pipelines, ..own.clone() }
+        DeviceFnV1_0 {
+            create_pipeline_cache,
+            get_pipeline_cache_data,
+            create_compute_pipelines,
+            begin_command_buffer,
+            queue_submit,
+            ..own.clone()
+        }
     };
     // SAFETY: the patched functions do what the driver's do, with other data in the cache.
     unsafe { open_patched(&options, patched) }.unwrap()
@@ -224,5 +257,24 @@ fn each_pipeline_is_made_once_and_several_at_a_time() {
     let threads = std::thread::available_parallelism().map_or(1, |threads| threads.get());
     assert!(made > 5 && most >= threads.min(2), "{made} made, {most} at a time on {threads} threads");
     assert_same_bits(&denoise(&mut denoiser), &first, "again");
-    assert!(lock(&SEEN).is_none(), "more was made for the second frame");
+    assert_eq!(lock(&SEEN).take().map_or(0, |seen| seen.made), 0, "more was made for the second frame");
+}
+
+/// A frame costs one submit: the host path records when something changes, not for every frame.
+#[test]
+fn what_was_recorded_is_submitted_again() {
+    let _turn = lock(&TURN);
+    let device = open(Cache::Off);
+    let mut denoiser = Denoiser::new(&device, &Weights::hybrid().unwrap(), &Options::default()).unwrap();
+    let first = denoise(&mut denoiser);
+    lock(&SEEN).take();
+    for _ in 0..3 {
+        assert_same_bits(&denoise(&mut denoiser), &first, "again");
+    }
+    let seen = lock(&SEEN).take().unwrap();
+    assert_eq!((seen.recorded, seen.submitted), (0, 3));
+    denoiser.set_exposure(Exposure::Fixed(0.5)).unwrap();
+    denoise(&mut denoiser);
+    let seen = lock(&SEEN).take().unwrap();
+    assert_eq!((seen.recorded, seen.submitted), (1, 1), "another exposure");
 }

@@ -3,7 +3,7 @@
 use clap::Parser;
 use std::path::PathBuf;
 use vkdenoise::exr_io::FeatureSource;
-use vkdenoise::{DeviceSelector, Exposure, Precision, Quality, Region};
+use vkdenoise::{Cache, DeviceSelector, Exposure, Precision, Quality, Region};
 
 /// Denoises OpenEXR renders with Vulkan.
 ///
@@ -65,6 +65,10 @@ pub struct Args {
     /// Most device memory to use, in MiB: an image that needs more is refused
     #[arg(long, value_name = "MIB")]
     pub memory_budget: Option<u64>,
+
+    /// Where to keep compiled kernels for the next run: a folder, "user" (vkdenoise in the user's cache folder) or "off"
+    #[arg(long, value_name = "DIR", env = "VKDENOISE_CACHE", default_value = "user", value_parser = parsed::<Cache>)]
+    pub cache: Cache,
 
     /// Denoise these pixels alone, for part of the work and with the same result: X,Y,W,H, counted from the upper left
     /// corner of the image. The output is the input cropped to them

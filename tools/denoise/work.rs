@@ -7,7 +7,9 @@ use crate::{Failure, interrupt, preview};
 use indicatif::{ProgressBar, ProgressStyle};
 use std::time::Duration;
 use vkdenoise::exr_io::{ExrError, ExrFrame, LayerOptions};
-use vkdenoise::{Denoiser, Device, DeviceSelector, Error, Extent, Layout, Options, PlaneMut, Precision, Weights};
+use vkdenoise::{
+    Denoiser, Device, DeviceOptions, DeviceSelector, Error, Extent, Layout, Options, PlaneMut, Precision, Weights,
+};
 
 /// Does all jobs. One that fails does not keep the others from being done.
 pub fn run(args: &Args, jobs: &[Job]) -> Result<(), Failure> {
@@ -80,7 +82,8 @@ struct Engine {
 impl Engine {
     fn open(args: &Args, weights: &Weights) -> Result<Self, Error> {
         let selector = args.device.clone().or_else(DeviceSelector::from_env).unwrap_or_default();
-        let device = Device::open(&selector)?;
+        let cache = args.cache.clone();
+        let device = Device::open_with(&DeviceOptions { selector, cache, ..DeviceOptions::default() })?;
         let Args { precision, exposure, blend, memory_budget, .. } = args;
         let options = Options {
             precision: if *precision == Precision::Auto { args.quality.precision(&device) } else { *precision },
