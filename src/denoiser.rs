@@ -6,6 +6,7 @@ use crate::frame::{Extent, Features, Frame, PlaneMut, Region, check_in_place};
 use crate::host::HostPass;
 use crate::kernels::Storage;
 use crate::memory::MemoryRequired;
+use crate::net::Folds;
 use crate::net::weights::Weights;
 use crate::pass::{FrameOptions, Pass};
 use crate::plan::{ConvAlgorithm, SeparableForm};
@@ -82,6 +83,9 @@ pub struct Options {
     pub exposure: Exposure,
     /// Share of the noisy colour in the host path's result, 0 (all denoised) to 1 (all noisy).
     pub blend: f32,
+    /// Which of the network's operations are folded into others: the same result but for rounding, for less work. `None`: all
+    /// that can be.
+    pub folds: Option<Folds>,
     /// How dense 3x3 convolutions are computed; `None`: as suits the device.
     pub conv: Option<ConvAlgorithm>,
     /// How separable convolutions are; `None`: as suits the device.

@@ -6,6 +6,7 @@ use crate::frame::Extent;
 use crate::kernels::contract::Need;
 use crate::kernels::{Storage, Variants};
 use crate::memory;
+use crate::net::Folds;
 use crate::net::graph::Graph;
 use crate::net::weights::{ExposureRule, Weights, WeightsError};
 use crate::pipelines::Pipelines;
@@ -39,6 +40,7 @@ impl Engine {
         let plan_options = PlanOptions {
             max_block_bytes: Self::max_block_bytes(device),
             // No other form is faster on every device measured.
+            folds: options.folds.unwrap_or(Folds::ALL),
             conv: options.conv.unwrap_or_default(),
             separable: options.separable.unwrap_or_default(),
             max_chain_bytes: options.max_chain_bytes.unwrap_or(max_chain_bytes(storage)),

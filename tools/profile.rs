@@ -56,9 +56,9 @@ fn main() -> ExitCode {
 
 fn run(command: Command) -> Result<(), Failure> {
     match command {
-        Command::Network { arch, size, conv, separable, precision, region, features, common, output } => {
+        Command::Network { arch, size, folds, conv, separable, precision, region, features, common, output } => {
             let (conv, separable) = (conv.map(Into::into), separable.map(Into::into));
-            let options = Options { precision, conv, separable, ..Options::default() };
+            let options = Options { precision, folds: Some(folds), conv, separable, ..Options::default() };
             let subject = network::Subject { extent: size, options, region, features };
             network::network(&Session::open(&common)?, &arch, &subject, &output)
         }

@@ -1,6 +1,8 @@
 //! A kernel with its arguments, whichever it is.
 
-use super::{Kernel, Tiles, View, dense, expand, film, frame_io, maps, separable, stats, window_attention, winograd};
+use super::{
+    Kernel, Tiles, View, dense, expand, film, frame_io, maps, separable, stats, unembed, window_attention, winograd,
+};
 
 /// One kernel with its arguments.
 #[derive(Clone, Debug, PartialEq)]
@@ -15,6 +17,8 @@ pub enum Call {
     Depthwise3x3(maps::Depthwise3x3),
     /// Depthwise and pointwise convolution in one.
     Separable3x3(separable::Separable3x3),
+    /// Tokens of 2x2 to pixels.
+    Unembed(unembed::Unembed),
     /// Layer normalisation.
     LayerNorm(maps::LayerNorm),
     /// Joint window attention.
@@ -57,6 +61,7 @@ impl Call {
             Self::Separable3x3(k) => of(&k.pointwise.tiles, &k.pointwise.dst),
             Self::Linear(k) => of(&k.tiles, &k.dst),
             Self::Depthwise3x3(k) => of(&k.tiles, &k.dst),
+            Self::Unembed(k) => of(&k.tiles, &k.src),
             Self::LayerNorm(k) => of(&k.tiles, &k.dst),
             Self::WindowAttention(k) => of(&k.tiles, &k.dst),
             Self::Expand(k) => of(&k.tiles, &k.dst),
@@ -75,6 +80,7 @@ impl Call {
             Self::Separable3x3(k) => &mut k.pointwise.tiles,
             Self::Linear(k) => &mut k.tiles,
             Self::Depthwise3x3(k) => &mut k.tiles,
+            Self::Unembed(k) => &mut k.tiles,
             Self::LayerNorm(k) => &mut k.tiles,
             Self::WindowAttention(k) => &mut k.tiles,
             Self::Expand(k) => &mut k.tiles,
@@ -93,6 +99,7 @@ impl Call {
             Self::Separable3x3(k) => Some(&k.pointwise.dst),
             Self::Linear(k) => Some(&k.dst),
             Self::Depthwise3x3(k) => Some(&k.dst),
+            Self::Unembed(k) => Some(&k.dst),
             Self::LayerNorm(k) => Some(&k.dst),
             Self::Expand(k) => Some(&k.dst),
             Self::WindowAttention(k) => Some(&k.dst),
@@ -110,6 +117,7 @@ impl Call {
             Self::Linear(k) => k,
             Self::Depthwise3x3(k) => k,
             Self::Separable3x3(k) => k,
+            Self::Unembed(k) => k,
             Self::LayerNorm(k) => k,
             Self::WindowAttention(k) => k,
             Self::Expand(k) => k,

@@ -4,7 +4,8 @@ use super::pack::Pack;
 use crate::kernels::separable::Separable3x3;
 use crate::kernels::winograd::WinogradTile;
 use crate::kernels::{Call, Storage};
-use crate::net::graph::{Graph, OpKind, Shuffle};
+use crate::net::Folds;
+use crate::net::graph::{ConvWeight, Graph, OpKind, Shuffle};
 
 /// What a plan may choose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -16,6 +17,8 @@ pub struct PlanOptions {
     /// Gives what depends on albedo, normal and depth alone, and is read by the rest, a place of its own: it can be used for
     /// the next frame.
     pub keep_features: bool,
+    /// Which operations are folded into others before anything else is chosen.
+    pub folds: Folds,
     /// How dense 3x3 convolutions are computed.
     pub conv: ConvAlgorithm,
     /// How depthwise and pointwise convolutions that belong together are.
@@ -36,12 +39,13 @@ pub const fn max_chain_bytes(storage: Storage) -> u64 {
 }
 
 impl Default for PlanOptions {
-    /// No limit on memory, buffers share it; direct convolutions, two kernels.
+    /// No limit on memory, buffers share it; every fold; direct convolutions, two kernels.
     fn default() -> Self {
         Self {
             max_block_bytes: u64::MAX,
             keep_all: false,
             keep_features: false,
+            folds: Folds::ALL,
             conv: ConvAlgorithm::default(),
             separable: SeparableForm::default(),
             storage: Storage::F32,
@@ -93,13 +97,13 @@ pub(super) fn is_separable(graph: &Graph, at: usize) -> bool {
 
 /// The weights of a dense 3x3 convolution, as the kernel that was chosen reads them.
 pub(super) fn conv_pack(
-    weight: &str,
+    weight: &ConvWeight,
     bias: bool,
     (inputs, outputs): (u32, u32),
     shuffle: Shuffle,
     tile: Option<WinogradTile>,
 ) -> Pack {
-    let (weight, shuffle) = (weight.to_owned(), shuffle == Shuffle::Shuffle);
+    let (weight, shuffle) = (weight.clone(), shuffle == Shuffle::Shuffle);
     match tile {
         Some(tile) => Pack::Winograd3x3 { weight, bias, inputs, outputs, shuffle, tile },
         None => Pack::Conv3x3 { weight, bias, inputs, outputs, shuffle },

@@ -11,6 +11,7 @@ mod lower;
 mod ops;
 pub mod pack;
 mod region;
+mod unembed;
 mod winograd;
 
 use crate::frame::Extent;

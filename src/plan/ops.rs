@@ -5,7 +5,7 @@ use super::choices::{conv_pack, fuse, is_separable};
 use super::lower::{Lowering, Partials};
 use super::pack::{Pack, linear_outputs};
 use crate::kernels::winograd::Winograd3x3;
-use crate::kernels::{Call, Storage, Tiles, View, dense, film, maps, window_attention};
+use crate::kernels::{Call, Storage, Tiles, View, dense, film, maps, unembed, window_attention};
 use crate::net::graph::{Op, OpKind, Slice, conv_outputs};
 
 impl Lowering<'_> {
@@ -34,7 +34,7 @@ impl Lowering<'_> {
                     src,
                     dst,
                     channels: channels.next_multiple_of(4),
-                    weights: self.pack(weight, pack),
+                    weights: self.pack(&op.name, pack),
                     film: film.map(|film| self.value(film)),
                     residual: residual.map(|residual| self.view(residual)),
                     stride: *stride,
@@ -46,6 +46,16 @@ impl Lowering<'_> {
                     Some(tile) => Call::Winograd3x3(Winograd3x3 { conv, tile }),
                     None => Call::Conv3x3(conv),
                 }
+            }
+            OpKind::Unembed { input, spread, gather, output } => {
+                let inputs = input.channels;
+                let pack = Pack::Unembed { spread: spread.clone(), gather: gather.clone(), inputs };
+                Call::Unembed(unembed::Unembed {
+                    src: self.view(*input),
+                    dst: self.view(*output),
+                    weights: self.pack(&op.name, pack),
+                    tiles: Tiles::All,
+                })
             }
             OpKind::Linear { inputs, weight, activation, film, residual, output } => {
                 debug_assert_eq!(linear_outputs(weight), output.channels, "{}", op.name);

@@ -66,6 +66,8 @@ pub struct Caps {
     pub subgroup_size: u32,
     /// `subgroupShuffle` in compute shaders.
     pub subgroup_shuffle: bool,
+    /// `subgroupAny` in compute shaders.
+    pub subgroup_vote: bool,
     /// Texels that a texel buffer may have.
     pub max_texels: u32,
     /// Whether a texel buffer of 16-byte texels may begin at each of them.
@@ -137,7 +139,11 @@ impl Caps {
     pub fn meets(&self, need: Need) -> bool {
         match need {
             Need::CpuDriver => {
-                self.subgroup_shuffle && self.subgroup_size >= SHARING_LANES && self.int64 && self.texels_anywhere
+                self.subgroup_shuffle
+                    && self.subgroup_vote
+                    && self.subgroup_size >= SHARING_LANES
+                    && self.int64
+                    && self.texels_anywhere
             }
             Need::Storage16 => self.storage16,
             Need::Float16 => self.float16,
@@ -249,14 +255,18 @@ pub(crate) fn inspect(instance: &ash::Instance, physical: vk::PhysicalDevice, in
         missing,
         memory_bytes,
     };
+    let in_subgroups = |operation| {
+        subgroup.supported_stages.contains(vk::ShaderStageFlags::COMPUTE)
+            && subgroup.supported_operations.contains(operation)
+    };
     let caps = Caps {
         kind,
         max_buffer_bytes: maintenance3.max_memory_allocation_size,
         memory_bytes,
         max_groups: limits.max_compute_work_group_count,
         subgroup_size: subgroup.subgroup_size,
-        subgroup_shuffle: subgroup.supported_stages.contains(vk::ShaderStageFlags::COMPUTE)
-            && subgroup.supported_operations.contains(vk::SubgroupFeatureFlags::SHUFFLE),
+        subgroup_shuffle: in_subgroups(vk::SubgroupFeatureFlags::SHUFFLE),
+        subgroup_vote: in_subgroups(vk::SubgroupFeatureFlags::VOTE),
         max_texels: limits.max_texel_buffer_elements,
         texels_anywhere: limits.min_texel_buffer_offset_alignment <= TEXEL_BYTES,
         int64: features10.shader_int64 == vk::TRUE,
