@@ -1,6 +1,8 @@
 //! Files that save work between processes, in a folder of the user's. They hold nothing that cannot be made again: one that is
 //! missing, damaged or cannot be written costs time, and is no error.
 
+use crate::kernels::spirv;
+use crate::vk::caps::Identity;
 use std::convert::Infallible;
 use std::fs::{self, File, OpenOptions};
 use std::hash::Hasher;
@@ -10,7 +12,7 @@ use std::process;
 use std::str::FromStr;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Where compiled kernels are kept between processes.
+/// Where compiled kernels and measured choices are kept between processes.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum Cache {
     /// `vkdenoise` in the user's folder for such files: `$XDG_CACHE_HOME`, else `$HOME/.cache`. As [`Cache::Off`] where
@@ -65,9 +67,12 @@ pub(crate) struct CacheFile {
 }
 
 impl CacheFile {
-    /// The file of this name; the name says everything that its payload depends on.
-    pub fn new(folder: PathBuf, name: String) -> Self {
-        Self { folder, name }
+    /// The file for `what`, made on a device with its driver from this library's kernels; `None` without a folder.
+    pub fn of_device(cache: &Cache, what: &str, identity: &Identity) -> Option<Self> {
+        let Identity { vendor, device, driver, uuid } = identity;
+        let (uuid, kernels) = (u128::from_be_bytes(*uuid), spirv::HASH);
+        let name = format!("{what}-{vendor:x}-{device:x}-{driver:x}-{uuid:032x}-{kernels:016x}");
+        cache.folder().map(|folder| Self { folder, name })
     }
 
     /// The payload, if the file is there and whole.
@@ -129,7 +134,7 @@ mod tests {
     use super::*;
 
     fn file(folder: &Path) -> CacheFile {
-        CacheFile::new(folder.join("made/when/needed"), "name".into())
+        CacheFile { folder: folder.join("made/when/needed"), name: "name".into() }
     }
 
     #[test]
@@ -183,6 +188,21 @@ mod tests {
         fs::write(folder.path().join("made"), "a file in the way").unwrap();
         assert!(file(folder.path()).write(b"payload").is_err());
         assert_eq!(file(folder.path()).read(), None);
+    }
+
+    #[test]
+    fn another_driver_has_another_file() {
+        let identity = Identity { vendor: 5, device: 6, driver: 7, uuid: [9; 16] };
+        let file = |identity| CacheFile::of_device(&Cache::Folder("here".into()), "this", &identity).unwrap();
+        for other in [
+            Identity { vendor: 8, ..identity },
+            Identity { device: 8, ..identity },
+            Identity { driver: 8, ..identity },
+            Identity { uuid: [8; 16], ..identity },
+        ] {
+            assert_ne!(file(other), file(identity));
+        }
+        assert_eq!(CacheFile::of_device(&Cache::Off, "this", &identity), None);
     }
 
     #[test]

@@ -71,6 +71,7 @@ pub mod reference;
 pub mod renderer;
 #[doc(hidden)]
 pub mod testing;
+mod tune;
 pub mod vk;
 
 pub use cache::Cache;

@@ -6,7 +6,7 @@ use super::instance::{Messages, OwnedInstance};
 use super::matrix;
 use super::pipeline_cache::PipelineCache;
 use super::selector::{DeviceSelector, enumerate, select};
-use crate::cache::Cache;
+use crate::cache::{Cache, CacheFile};
 use crate::error::{Error, Result};
 use ash::{khr, vk};
 use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
@@ -31,7 +31,7 @@ pub struct DeviceOptions {
     pub host_clock: bool,
     /// The Vulkan loader's library, where it is not the system's own.
     pub loader: Option<PathBuf>,
-    /// Where compiled kernels are kept for the next process.
+    /// Where compiled kernels and measured choices are kept for the next process.
     pub cache: Cache,
 }
 
@@ -55,7 +55,7 @@ pub struct RendererDevice {
     /// The functions of `VK_KHR_cooperative_matrix`, where it was enabled together with all of
     /// [`Requirements::matrix_extensions`] and [`Requirements::matrix_features`]: [`crate::Precision::Matrix`] needs them.
     pub cooperative_matrix: Option<khr::cooperative_matrix::Instance>,
-    /// Where compiled kernels are kept for the next process.
+    /// Where compiled kernels and measured choices are kept for the next process.
     pub cache: Cache,
 }
 
@@ -70,6 +70,8 @@ struct Inner {
     allocator: ManuallyDrop<Mutex<Allocator>>,
     memory_in_use: AtomicU64,
     pipeline_cache: PipelineCache,
+    /// Where what was learnt of the device is kept.
+    cache: Cache,
     queue_family: u32,
     /// The queue of our own device. A renderer keeps its queues to itself.
     queue: Option<Mutex<vk::Queue>>,
@@ -190,6 +192,7 @@ impl Device {
         Ok(Self(Arc::new(Inner {
             info,
             pipeline_cache: PipelineCache::new(&raw, &caps.identity, &options.cache),
+            cache: options.cache.clone(),
             caps,
             raw,
             allocator,
@@ -249,6 +252,7 @@ impl Device {
             info,
             allocator: allocator(&instance, physical_device, &device)?,
             pipeline_cache: PipelineCache::new(&device, &caps.identity, &cache),
+            cache,
             caps,
             raw: device,
             memory_in_use: AtomicU64::new(0),
@@ -305,6 +309,11 @@ impl Device {
     /// What reads the statistics of pipelines; pipelines capture them where this is set.
     pub(crate) fn executables(&self) -> Option<&khr::pipeline_executable_properties::Device> {
         self.0.executables.as_ref()
+    }
+
+    /// A file of the cache for what was found on this device, with this driver and these kernels; `None`: nothing is kept.
+    pub(crate) fn cache_file(&self, what: &str) -> Option<CacheFile> {
+        CacheFile::of_device(&self.0.cache, what, &self.caps().identity)
     }
 
     pub(crate) fn pipeline_cache(&self) -> &PipelineCache {

@@ -2,7 +2,6 @@
 
 use super::caps::Identity;
 use crate::cache::{Cache, CacheFile, hash};
-use crate::kernels::spirv;
 use ash::vk;
 use std::sync::{Mutex, PoisonError};
 
@@ -20,7 +19,7 @@ const HEADER: usize = 32;
 impl PipelineCache {
     /// With what the file of this device, driver and set of kernels holds. What is damaged or another driver's is left alone.
     pub fn new(device: &ash::Device, identity: &Identity, cache: &Cache) -> Self {
-        let file = cache.folder().map(|folder| CacheFile::new(folder, file_name(identity)));
+        let file = CacheFile::of_device(cache, "pipelines", identity);
         let kept = file.as_ref().and_then(CacheFile::read).filter(|data| is_of(data, identity));
         let info = vk::PipelineCacheCreateInfo::default().initial_data(kept.as_deref().unwrap_or_default());
         // SAFETY: the device is alive, and the data were written by a driver of the same identity.
@@ -47,12 +46,6 @@ impl PipelineCache {
     }
 }
 
-fn file_name(identity: &Identity) -> String {
-    let Identity { vendor, device, driver, uuid } = identity;
-    let uuid = u128::from_be_bytes(*uuid);
-    format!("pipelines-{vendor:x}-{device:x}-{driver:x}-{uuid:032x}-{:016x}", spirv::HASH)
-}
-
 /// Whether data begin with the header of a device and driver. Drivers check this too; not all of them with care.
 fn is_of(data: &[u8], identity: &Identity) -> bool {
     let fields = [HEADER as u32, vk::PipelineCacheHeaderVersion::ONE.as_raw() as u32, identity.vendor, identity.device];
@@ -77,7 +70,5 @@ mod tests {
             other[at] ^= 1;
             assert!(!is_of(&other, &identity), "byte {at}");
         }
-        let others = [Identity { vendor: 8, ..identity }, Identity { driver: 8, ..identity }];
-        assert!(others.iter().all(|other| file_name(other) != file_name(&identity)));
     }
 }

@@ -80,7 +80,8 @@ struct Engine {
 }
 
 impl Engine {
-    fn open(args: &Args, weights: &Weights) -> Result<Self, Error> {
+    /// For images of about `extent`.
+    fn open(args: &Args, weights: &Weights, extent: Extent) -> Result<Self, Error> {
         let selector = args.device.clone().or_else(DeviceSelector::from_env).unwrap_or_default();
         let cache = args.cache.clone();
         let device = Device::open_with(&DeviceOptions { selector, cache, ..DeviceOptions::default() })?;
@@ -92,7 +93,10 @@ impl Engine {
             memory_budget: memory_budget.map(|mib| mib << 20),
             ..Options::default()
         };
-        let mut denoiser = Denoiser::new(&device, weights, &options)?;
+        let mut denoiser = match args.tune {
+            true => Denoiser::tuned(&device, weights, &options, extent)?,
+            false => Denoiser::new(&device, weights, &options)?,
+        };
         denoiser.set_region(args.region);
         Ok(Self { device, denoiser })
     }
@@ -111,8 +115,9 @@ impl Session<'_> {
         // Opened for the first image: by now the arguments and that image have proved good.
         let engine = match &mut self.engine {
             Some(engine) => engine,
-            none => none
-                .insert(Engine::open(self.args, &self.weights).map_err(|e| Trouble::Everything(Failure::failed(e)))?),
+            none => none.insert(
+                Engine::open(self.args, &self.weights, extent).map_err(|e| Trouble::Everything(Failure::failed(e)))?,
+            ),
         };
         let mut color = vec![0.0; image.color().len()];
         let target = PlaneMut::f32(&mut color, Layout::interleaved(extent, 3));
