@@ -57,6 +57,9 @@ enum Command {
         /// Weights instead of the built-in ones.
         #[arg(long)]
         weights: Option<PathBuf>,
+        /// Measure the forms of convolutions first, or take them from the user's cache.
+        #[arg(long)]
+        tune: bool,
         #[command(flatten)]
         forms: Forms,
     },
@@ -113,10 +116,14 @@ fn parse_size(text: &str) -> Result<Extent, String> {
 
 fn main() -> ExitCode {
     let outcome: stress::Result<()> = match Arguments::parse().command {
-        Command::Pass { size, repeat, warm_up, on_request, device, weights, forms } => {
+        Command::Pass { size, repeat, warm_up, on_request, device, weights, tune, forms } => {
             Device::open(&device).map_err(Into::into).and_then(|device| {
                 let weights = weights.map_or_else(Weights::hybrid, |path| Ok(Weights::from_file(path)?))?;
-                Ok(pass(&device, &weights, &forms.options(), size, (warm_up, repeat), on_request)?)
+                let denoiser = match tune {
+                    true => Denoiser::tuned(&device, &weights, &forms.options(), size)?,
+                    false => Denoiser::new(&device, &weights, &forms.options())?,
+                };
+                Ok(pass(denoiser, size, (warm_up, repeat), on_request)?)
             })
         }
         Command::Budget(args) => budget_command::run(&args),
@@ -146,15 +153,8 @@ fn memory(device: &DeviceSelector, extent: Extent, options: &Options) -> Result<
     Ok(())
 }
 
-fn pass(
-    device: &Device,
-    weights: &Weights,
-    options: &Options,
-    extent: Extent,
-    (warm_up, repeat): (u32, u32),
-    on_request: bool,
-) -> Result<(), Error> {
-    let mut denoiser = Denoiser::new(device, weights, options)?;
+fn pass(mut denoiser: Denoiser, extent: Extent, (warm_up, repeat): (u32, u32), on_request: bool) -> Result<(), Error> {
+    let device = denoiser.device().clone();
     let pixels = extent.pixels() as usize;
     // Any values do: the work does not depend on them.
     let noise = |i: usize| (i.wrapping_mul(2654435761) >> 16 & 0xffff) as f32 / 65536.0;
