@@ -1,9 +1,10 @@
 //! How far a result lies from the undisturbed one, and how far it may.
 //!
 //! In 32-bit floats a move is what the disturbance did. Where maps or factors are rounded to halves, a change of 1e-7 anywhere
-//! rounds some of them the other way, and the result moves by about as much as the tier is off without any disturbance: of a
-//! pixel next to black more than 1 %. Both results are off by that much, so such a tier may move by twice its own largest
-//! error beside, and what a screen shows is held to a bound of its own.
+//! rounds some of them the other way, and the result moves by about as much as the tier is off without any disturbance. The
+//! network computes in the log domain, where that error is of one size; of a pixel next to black it is more than 1 %. Both
+//! results are off, so beside 1 % such a tier may move by twice its own largest error in the log domain, and what a screen
+//! shows is held to a bound of its own.
 
 use super::scene::Scene;
 use super::subject::{Exactness, Subject};
@@ -27,16 +28,22 @@ pub enum Unit {
 }
 
 impl Unit {
+    fn at(self, value: f64, key: f64) -> f64 {
+        if self == Self::Value { value + 1e-3 * key } else { key }
+    }
+
     /// The largest `|a - b|` in this unit of the samples that `counts` picks.
     pub fn largest(self, output: &[f32], clean: &[f32], key: f64, counts: impl Fn(usize) -> bool) -> f64 {
-        let moves = output.iter().zip(clean).enumerate().filter(|(i, _)| counts(*i)).map(|(_, (&a, &b))| {
-            let (a, b) = (f64::from(a), f64::from(b));
-            let unit = if self == Self::Value { b + 1e-3 * key } else { key };
-            (a - b).abs() / unit
-        });
-        // Not `f64::max`: that would forgive a NaN.
-        moves.fold(0.0, |worst, m| if m > worst || m.is_nan() { m } else { worst })
+        largest(output, clean, counts, |a, b| (a - b).abs() / self.at(b, key))
     }
+}
+
+/// The largest of what `figure` makes of the samples that `counts` picks.
+fn largest(output: &[f32], clean: &[f32], counts: impl Fn(usize) -> bool, figure: impl Fn(f64, f64) -> f64) -> f64 {
+    let figures = output.iter().zip(clean).enumerate().filter(|(i, _)| counts(*i));
+    let figures = figures.map(|(_, (&a, &b))| figure(f64::from(a), f64::from(b)));
+    // Not `f64::max`: that would forgive a NaN.
+    figures.fold(0.0, |worst, m| if m > worst || m.is_nan() { m } else { worst })
 }
 
 /// How the pixels far from disturbances move.
@@ -59,9 +66,9 @@ impl FarMoves {
             (Exactness::Single, Unit::Value) => ("far pixels move, of value + 1e-3 key", FAR),
             (Exactness::Single, Unit::Key) => ("far pixels move, of the key", FAR),
             (Exactness::Half, Unit::Value) => {
-                ("far pixels move, of (1 % + twice the tier's own error) of value + 1e-3 key", 1.0)
+                ("far pixels move, of 1 % of value + 1e-3 key and twice the tier's own error", 1.0)
             }
-            (Exactness::Half, Unit::Key) => ("far pixels move, of (1 % + twice the tier's own error) of the key", 1.0),
+            (Exactness::Half, Unit::Key) => ("far pixels move, of 1 % of the key and twice the tier's own error", 1.0),
         };
         let shown = Measured::new("far pixels, tone-mapped dB to the undisturbed", Bound::AtLeast(FAR_DB));
         Ok(Self {
@@ -83,13 +90,22 @@ impl FarMoves {
     /// # Errors
     /// None for outputs of the scene's size.
     pub fn take(&mut self, output: &[f32], is_far: impl Fn(usize) -> bool, input: impl fmt::Display) -> Result<()> {
-        let moved = self.unit.largest(output, &self.clean, self.key, &is_far);
+        let (unit, key) = (self.unit, self.key);
+        let moved = unit.largest(output, &self.clean, key, &is_far);
         let Some((single, shown)) = &mut self.halves else {
             self.moved.take(moved, input);
             return Ok(());
         };
-        let own = self.unit.largest(&self.clean, single, self.key, &is_far);
-        self.moved.take(moved / (FAR + 2.0 * own), format!("{moved:.1e}, own {own:.1e}, {input}"));
+        let exposure = 0.18 / key;
+        let apart = |a: f64, b: f64| ((exposure * a).ln_1p() - (exposure * b).ln_1p()).abs();
+        let own = largest(&self.clean, single, &is_far, apart);
+        let share = |a: f64, b: f64| {
+            // A small move in the log domain.
+            let allowed = FAR * unit.at(b, key) * exposure / (1.0 + exposure * b);
+            apart(a, b) / (allowed + 2.0 * own)
+        };
+        let share = largest(output, &self.clean, &is_far, share);
+        self.moved.take(share, format!("{moved:.1e} of the unit, own {own:.1e} in the log domain, {input}"));
         let far = |values: &[f32]| (0..values.len()).filter(|i| is_far(*i)).map(|i| values[i]).collect::<Vec<_>>();
         shown.take(tone_mapped_db(&far(output), &far(&self.clean), self.key)?, input);
         Ok(())
