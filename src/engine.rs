@@ -4,13 +4,14 @@ use crate::denoiser::{Options, Precision};
 use crate::error::{Error, Result};
 use crate::frame::Extent;
 use crate::kernels::contract::Need;
+use crate::kernels::winograd::WinogradTile;
 use crate::kernels::{Storage, Variants};
 use crate::memory;
 use crate::net::Folds;
 use crate::net::graph::Graph;
 use crate::net::weights::{ExposureRule, Weights, WeightsError};
 use crate::pipelines::Pipelines;
-use crate::plan::{ConvTable, Place, Plan, PlanOptions, max_chain_bytes, plan};
+use crate::plan::{ConvAlgorithm, ConvTable, Place, Plan, PlanOptions, SeparableForm, max_chain_bytes, plan};
 use crate::vk::caps::{DeviceKind, TEXEL_BYTES};
 use crate::vk::device::Device;
 use crate::vk::memory::Buffer;
@@ -38,13 +39,13 @@ impl Engine {
     /// `conv_table` has the forms of convolutions that were measured.
     pub fn new(device: &Device, weights: &Weights, options: &Options, conv_table: ConvTable) -> Result<Self> {
         let storage = wanted_storage(device, options.precision)?;
+        let forms = Forms::of(device, wants_matrices(device, options.precision)?);
         let plan_options = PlanOptions {
             max_block_bytes: Self::max_block_bytes(device),
-            // No other form is faster on every device measured.
             folds: options.folds.unwrap_or(Folds::ALL),
-            conv: options.conv.unwrap_or_default(),
+            conv: options.conv.unwrap_or(forms.conv),
             conv_table,
-            separable: options.separable.unwrap_or_default(),
+            separable: options.separable.unwrap_or(forms.separable),
             max_chain_bytes: options.max_chain_bytes.unwrap_or(max_chain_bytes(storage)),
             keep_features: options.keep_features,
             storage,
@@ -100,6 +101,24 @@ impl Engine {
     /// The kernels that this device prefers, for a frame in buffers.
     pub fn variants(&self) -> Variants {
         Variants { cpu: self.cpu, matrix: self.matrix, images: false, output_half: false }
+    }
+}
+
+/// The forms of convolutions that suit a device, as far as devices were measured (`docs/performance.md`).
+struct Forms {
+    conv: ConvAlgorithm,
+    separable: SeparableForm,
+}
+
+impl Forms {
+    fn of(device: &Device, matrix: bool) -> Self {
+        if matrix || !prefers_cpu_kernels(device) {
+            return Self { conv: ConvAlgorithm::Direct, separable: SeparableForm::TwoKernels };
+        }
+        // On lavapipe of Mesa 22.3 Winograd's filtering is faster in every convolution of the network, on that of 25.0 in none.
+        let old = device.caps().lavapipe.is_some_and(|mesa| mesa < 23);
+        let conv = if old { ConvAlgorithm::Winograd(WinogradTile::F2) } else { ConvAlgorithm::Direct };
+        Self { conv, separable: SeparableForm::Narrow }
     }
 }
 

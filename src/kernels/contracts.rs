@@ -284,6 +284,12 @@ contracts! {
         /// The same for CPU drivers.
         CONV3X3_S2_CPU = "conv3x3_s2_cpu" "conv3x3.comp" Conv3x3Push
             { "STRIDE": "2", "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_SHARED": "1", "TEXELS": "1", "TAP_BY_TAP": "1" } CONV_TEXELS, CPU, CPU_HALVES;
+        /// Convolution, stride 1, to at most 16 channels.
+        CONV3X3_N16 = "conv3x3_n16" "conv3x3.comp" Conv3x3Push
+            { "STRIDE": "1", "TX": "2", "TY": "2", "NV": "4", "PACKED_NV": "8" } &[], &[], HALVES;
+        /// The same for CPU drivers.
+        CONV3X3_N16_CPU = "conv3x3_n16_cpu" "conv3x3.comp" Conv3x3Push
+            { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "4", "PACKED_NV": "8", "WEIGHTS_SHARED": "1", "TEXELS": "1", "TAP_BY_TAP": "1" } CONV_TEXELS, CPU, CPU_HALVES;
         /// Convolution to at most 4 channels.
         CONV3X3_N4 = "conv3x3_n4" "conv3x3.comp" Conv3x3Push
             { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "1" } &[], &[], HALVES;

@@ -2,6 +2,7 @@
 
 use super::conv_table::ConvTable;
 use super::pack::Pack;
+use crate::kernels::dense::TILE_CHANNELS;
 use crate::kernels::separable::Separable3x3;
 use crate::kernels::winograd::WinogradTile;
 use crate::kernels::{Call, Storage};
@@ -87,6 +88,20 @@ pub enum SeparableForm {
     TwoKernels,
     /// As one.
     Fused,
+    /// As one where a workgroup computes all outputs of the pointwise one: elsewhere each group of them would compute the
+    /// depthwise one anew.
+    Narrow,
+}
+
+impl SeparableForm {
+    /// Whether a pointwise convolution to so many outputs is one kernel with the depthwise one before it.
+    pub(super) fn fuses(self, outputs: u32) -> bool {
+        match self {
+            Self::TwoKernels => false,
+            Self::Fused => true,
+            Self::Narrow => outputs <= TILE_CHANNELS,
+        }
+    }
 }
 
 /// Whether operation `at` is a depthwise convolution whose whole result the next one, a Linear, reads, and nobody else.

@@ -140,6 +140,8 @@ pub enum Separable {
     TwoKernels,
     /// Both in one kernel
     Fused,
+    /// Both in one kernel where the result has no more channels than a workgroup computes
+    Narrow,
 }
 
 impl From<Separable> for SeparableForm {
@@ -147,6 +149,7 @@ impl From<Separable> for SeparableForm {
         match separable {
             Separable::TwoKernels => Self::TwoKernels,
             Separable::Fused => Self::Fused,
+            Separable::Narrow => Self::Narrow,
         }
     }
 }
