@@ -166,6 +166,7 @@ fn pass(
             albedo: Some(Plane::f32(&albedo, rgb)),
             normal: Some(Plane::f32(&normal, rgb)),
             depth: Some(Plane::f32(&depth, Layout::interleaved(extent, 1))),
+            noise: None,
         },
     };
     let mut run = |print: bool| -> Result<(), Error> {

@@ -301,6 +301,7 @@ impl ExrFrame {
                 albedo: self.albedo.as_deref().map(|s| Plane::f32(s, three)),
                 normal: self.normal.as_deref().map(|s| Plane::f32(s, three)),
                 depth: self.depth.as_deref().map(|s| Plane::f32(s, one)),
+                noise: None,
             },
         }
     }

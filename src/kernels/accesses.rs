@@ -45,7 +45,7 @@ impl Accesses {
 
 impl Call {
     /// What the invocations ask of memory; `None` for the kernels over the caller's planes and their statistics, for which
-    /// it depends on the frame.
+    /// it depends on the frame, and for what makes lists of active tiles.
     pub fn accesses(&self, variants: Variants) -> Option<Accesses> {
         let contract = self.kernel().contract(variants);
         Some(match self {
@@ -68,7 +68,11 @@ impl Call {
             | Self::StatsKey(_)
             | Self::InputColor(_)
             | Self::InputAux(_)
-            | Self::Output(_) => return None,
+            | Self::Output(_)
+            | Self::TileNoise(_)
+            | Self::QuietMap(_)
+            | Self::TileList(_)
+            | Self::Fill(_) => return None,
         })
     }
 }

@@ -1,6 +1,8 @@
 //! A kernel with its arguments, whichever it is.
 
-use super::{Kernel, Tiles, View, dense, expand, film, frame_io, maps, separable, stats, window_attention, winograd};
+use super::{
+    Kernel, Tiles, View, dense, expand, film, frame_io, maps, quiet, separable, stats, window_attention, winograd,
+};
 
 /// One kernel with its arguments.
 #[derive(Clone, Debug, PartialEq)]
@@ -41,6 +43,14 @@ pub enum Call {
     InputAux(frame_io::InputAux),
     /// Output.
     Output(frame_io::Output),
+    /// Noise of the map's squares.
+    TileNoise(quiet::TileNoise),
+    /// Map of what is to be denoised.
+    QuietMap(quiet::QuietMap),
+    /// List of active tiles.
+    TileList(quiet::TileList),
+    /// Zeros beside active tiles.
+    Fill(quiet::Fill),
 }
 
 impl Call {
@@ -63,6 +73,10 @@ impl Call {
             Self::InputColor(k) => of(&k.tiles, &k.dst),
             Self::InputAux(k) => of(&k.tiles, &k.dst),
             Self::Output(k) => Some((k.tiles, k.width, k.height)),
+            Self::Fill(k) => {
+                let (width, height) = k.size();
+                Some((k.tiles, width, height))
+            }
             _ => None,
         }
     }
@@ -81,6 +95,7 @@ impl Call {
             Self::InputColor(k) => &mut k.tiles,
             Self::InputAux(k) => &mut k.tiles,
             Self::Output(k) => &mut k.tiles,
+            Self::Fill(k) => &mut k.tiles,
             _ => return None,
         })
     }
@@ -98,6 +113,18 @@ impl Call {
             Self::WindowAttention(k) => Some(&k.dst),
             Self::InputColor(k) => Some(&k.dst),
             Self::InputAux(k) => Some(&k.dst),
+            Self::Fill(k) => Some(&k.dst),
+            _ => None,
+        }
+    }
+
+    /// The map of which it reads tokens around its own; `None` for kernels that read none.
+    pub fn reads_around(&self) -> Option<&View> {
+        match self {
+            Self::Conv3x3(k) => Some(&k.src),
+            Self::Winograd3x3(k) => Some(&k.conv.src),
+            Self::Separable3x3(k) => Some(&k.depthwise.src),
+            Self::Depthwise3x3(k) => Some(&k.src),
             _ => None,
         }
     }
@@ -123,6 +150,10 @@ impl Call {
             Self::InputColor(k) => k,
             Self::InputAux(k) => k,
             Self::Output(k) => k,
+            Self::TileNoise(k) => k,
+            Self::QuietMap(k) => k,
+            Self::TileList(k) => k,
+            Self::Fill(k) => k,
         }
     }
 }

@@ -1,6 +1,7 @@
 //! What a plan may choose: memory, and which of several lowerings an operation takes.
 
 use super::pack::Pack;
+use super::quiet::QuietMode;
 use crate::kernels::separable::Separable3x3;
 use crate::kernels::winograd::WinogradTile;
 use crate::kernels::{Call, Storage};
@@ -16,6 +17,8 @@ pub struct PlanOptions {
     /// Gives what depends on albedo, normal and depth alone, and is read by the rest, a place of its own: it can be used for
     /// the next frame.
     pub keep_features: bool,
+    /// How quiet tiles are left out; `None`: none are.
+    pub quiet: Option<QuietMode>,
     /// How dense 3x3 convolutions are computed.
     pub conv: ConvAlgorithm,
     /// How depthwise and pointwise convolutions that belong together are.
@@ -23,6 +26,7 @@ pub struct PlanOptions {
     /// How feature maps are stored. Log colour and residual are 32-bit floats always.
     pub storage: Storage,
     /// Bytes that a map between consecutive operations may take; where it would take more, they run band by band of the frame.
+    /// Not where quiet tiles are left out.
     pub max_chain_bytes: u64,
 }
 
@@ -42,6 +46,7 @@ impl Default for PlanOptions {
             max_block_bytes: u64::MAX,
             keep_all: false,
             keep_features: false,
+            quiet: None,
             conv: ConvAlgorithm::default(),
             separable: SeparableForm::default(),
             storage: Storage::F32,

@@ -70,6 +70,7 @@ pub fn measure(session: &Session, arch: &Arch, subject: &Subject, profile: bool)
         albedo: Some(Plane::f32(&color, rgb)),
         normal: Some(Plane::f32(&color, rgb)),
         depth: Some(Plane::f32(&depth, Layout::interleaved(extent, 1))),
+        noise: None,
     };
     let features = if given == Given::None { Features::default() } else { all };
     let frame = Frame { extent, color: Plane::f32(&color, rgb), features };
