@@ -1,5 +1,5 @@
-// The active tiles of one resolution, row by row, the tiles beside them that are not active, and the workgroups of the kernels that
-// run over either list. One workgroup; positions come from sums in a fixed order.
+// The active tiles of one resolution, row by row, the others that are read, and the workgroups of the kernels that run over either
+// list. One workgroup; positions come from sums in a fixed order.
 #version 460
 #include "shared/storage.glsl"
 #include "shared/quiet.glsl"
@@ -9,10 +9,11 @@ layout(local_size_x = 256) in;
 layout(push_constant) uniform Push {
     Uints sums;           // of the map
     Uints list;           // length, then x | y << 16
-    Uints ring;           // the same
-    Uints groups;         // x, y, z by tiles a group (1, 2, 4, 8, 16) and by y; last for the ring
+    Uints idle;           // the same
+    Uints groups;         // x, y, z by tiles a group (1, 2, 4, 8, 16) and by y; last for the idle
     Uints counts;
-    // How far a tile looks on the map, by its place among eight squares: back | on << 16.
+    // How far a tile looks on the map, by its place among eight squares, for being active and for being read: back | on << 8 |
+    // back << 16 | on << 24.
     uint reach_0;
     uint reach_1;
     uint reach_2;
@@ -40,30 +41,25 @@ uint sum_to(uint x, uint y) {
     return sums.v[y * (map_columns + 1u) + x];
 }
 
+const uint ACTIVE = 0u;
+const uint READ = 16u;
+const uint FAR = 255u;            // as far as the map goes
+
 // The squares of the map that a row or column of tiles looks at, the end excluded.
-uvec2 seen(uint tile, uint end) {
+uvec2 seen(uint tile, uint end, uint shift) {
     uint table[8] = uint[8](reach_0, reach_1, reach_2, reach_3, reach_4, reach_5, reach_6, reach_7);
     uint start = tile * tile_pixels / MAP_TILE;
-    uint reach = table[start % 8u];
-    return uvec2(start - min(start, reach & 0xffffu), min(start + (reach >> 16) + 1u, end));
+    uint reach = table[start % 8u] >> shift;
+    uint back = reach & 0xffu;
+    uint on = reach >> 8 & 0xffu;
+    return uvec2(back == FAR ? 0u : start - min(start, back), on == FAR ? end : min(start + on + 1u, end));
 }
 
-bool is_active(uint x, uint y) {
-    if (x >= columns || y >= rows) return false;
-    uvec2 across = seen(x, map_columns);
-    uvec2 down = seen(y, map_rows);
+bool sees(uint x, uint y, uint shift) {
+    uvec2 across = seen(x, map_columns, shift);
+    uvec2 down = seen(y, map_rows, shift);
     if (across.x >= across.y || down.x >= down.y) return false;
     return sum_to(across.y, down.y) + sum_to(across.x, down.x) != sum_to(across.x, down.y) + sum_to(across.y, down.x);
-}
-
-bool is_beside(uint x, uint y) {
-    for (uint dy = 0u; dy < 3u; ++dy) {
-        for (uint dx = 0u; dx < 3u; ++dx) {
-            // Before the first is beyond the last.
-            if (is_active(x + dx - 1u, y + dy - 1u)) return true;
-        }
-    }
-    return false;
 }
 
 void write_groups(uint entry, uint x, uint y) {
@@ -76,15 +72,15 @@ void write_groups(uint entry, uint x, uint y) {
 void main() {
     uint lane = gl_LocalInvocationID.x;
     uint active_count = 0u;
-    uint ring_count = 0u;
+    uint idle_count = 0u;
     for (uint first = 0u; first < columns * rows; first += 256u) {
         uint tile = first + lane;
         uint x = tile % columns;
         uint y = tile / columns;
-        bool live = tile < columns * rows && is_active(x, y);
-        bool beside = tile < columns * rows && !live && is_beside(x, y);
+        bool live = tile < columns * rows && sees(x, y, ACTIVE);
+        bool idle_read = tile < columns * rows && !live && sees(x, y, READ);
         // Both counts at once.
-        positions[lane] = (live ? 1u : 0u) | (beside ? 1u << 16 : 0u);
+        positions[lane] = (live ? 1u : 0u) | (idle_read ? 1u << 16 : 0u);
         barrier();
         for (uint step = 1u; step < 256u; step *= 2u) {
             uint before = lane >= step ? positions[lane - step] : 0u;
@@ -95,16 +91,16 @@ void main() {
         uint position = positions[lane];
         uint total = positions[255];
         if (live) list.v[active_count + (position & 0xffffu)] = x | y << 16;
-        if (beside) ring.v[ring_count + (position >> 16)] = x | y << 16;
+        if (idle_read) idle.v[idle_count + (position >> 16)] = x | y << 16;
         active_count += total & 0xffffu;
-        ring_count += total >> 16;
+        idle_count += total >> 16;
         barrier();
     }
     if (lane == 0u) {
         list.v[0] = active_count;
-        ring.v[0] = ring_count;
+        idle.v[0] = idle_count;
         counts.v[slot] = active_count;
-        write_groups(GROUP_SIZES * max_y, ring_count, 1u);
+        write_groups(GROUP_SIZES * max_y, idle_count, 1u);
     }
     for (uint i = lane; i < GROUP_SIZES * max_y; i += 256u) {
         uint tiles_a_group = 1u << (i / max_y);

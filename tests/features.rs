@@ -19,6 +19,7 @@ use vkdenoise::{
 const EXTENT: Extent = Extent::new(150, 100);
 
 const KEEPING: Options = Options {
+    quiet: None,
     precision: vkdenoise::Precision::Auto,
     exposure: vkdenoise::Exposure::Auto,
     blend: 0.0,

@@ -175,9 +175,9 @@ push_constants! {
 }
 
 push_constants! {
-    /// The list of active tiles, those beside them, and their workgroups.
+    /// The list of active tiles, that of others that are read, and their workgroups.
     TileListPush {
-        sums: Address, list: Address, ring: Address, groups: Address, counts: Address,
+        sums: Address, list: Address, idle: Address, groups: Address, counts: Address,
         reach_0: U32, reach_1: U32, reach_2: U32, reach_3: U32, reach_4: U32, reach_5: U32, reach_6: U32, reach_7: U32,
         map_columns: U32, map_rows: U32, columns: U32, rows: U32, tile_pixels: U32, max_y: U32, slot: U32, unused: U32,
     }

@@ -4,7 +4,7 @@
 //! 2. [`QuietMap`] marks those above a threshold, and sums the marks.
 //! 3. [`TileList`] lists, for each part of the network, the tiles that marked squares depend on, with the workgroups of the
 //!    dispatches that run over the list.
-//! 4. [`Fill`] writes zeros beside the tiles of a list, where a convolution would read what nobody has written.
+//! 4. [`Fill`] writes zeros where tiles are read that are not active.
 
 use super::contract::Contract;
 use super::contracts::{self, FillPush, QuietMapPush, TileListPush, TileNoisePush, halves};
@@ -192,7 +192,7 @@ impl Kernel for QuietMap {
     }
 }
 
-/// Squares of the map that a tile looks at along an axis, from the one in which it begins.
+/// Squares of the map that a tile looks at along an axis, from the one in which it begins; from [`FAR`] on, all.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Reach {
     /// Squares back.
@@ -201,19 +201,28 @@ pub struct Reach {
     pub on: u32,
 }
 
+/// A reach that goes as far as the map.
+pub const FAR: u32 = 255;
+
+impl Reach {
+    fn bits(self) -> u32 {
+        self.back.min(FAR) | self.on.min(FAR) << 8
+    }
+}
+
 /// Places of a tile among the squares of the map that may differ in reach: the coarsest tiles are 128 pixels.
 pub const REACHES: usize = 8;
 
-/// Lists the tiles of one resolution that look at a marked square, row by row, and those beside them.
+/// Lists the tiles of one resolution that look at a marked square, row by row, and others that are read.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TileList {
     /// Sums of the map.
     pub sums: BufferId,
     /// The active tiles, as [`Tiles::List`] has them.
     pub list: BufferId,
-    /// Tiles beside an active one that are not active.
-    pub ring: BufferId,
-    /// Workgroups: x, y, z for each of [`TILES_A_GROUP`] and each y from 1 to `max_y`; then for the ring.
+    /// Tiles that are read and not active.
+    pub idle: BufferId,
+    /// Workgroups: x, y, z for each of [`TILES_A_GROUP`] and each y from 1 to `max_y`; then for the idle tiles.
     pub groups: BufferId,
     /// Where the number of active tiles goes too.
     pub counts: BufferId,
@@ -227,8 +236,10 @@ pub struct TileList {
     pub rows: u32,
     /// Pixels of a tile, on a side.
     pub tile_pixels: u32,
-    /// By the square in which a tile begins.
+    /// By the square in which a tile begins, how far it looks for whether it is active.
     pub reach: [Reach; REACHES],
+    /// The same for whether it is read.
+    pub read: [Reach; REACHES],
     /// Largest y of the dispatches over the list.
     pub max_y: u32,
 }
@@ -255,8 +266,8 @@ impl TileList {
         (1..=max_y).contains(&y).then(|| (row * u64::from(max_y) + u64::from(y) - 1) * GROUPS_BYTES)
     }
 
-    /// Where those of the ring lie.
-    pub fn ring_groups_at(max_y: u32) -> u64 {
+    /// Where those of the idle tiles lie.
+    pub fn idle_groups_at(max_y: u32) -> u64 {
         TILES_A_GROUP.len() as u64 * u64::from(max_y) * GROUPS_BYTES
     }
 }
@@ -280,11 +291,11 @@ impl Kernel for TileList {
 
     fn push(&self, at: &Addresses) -> PushBytes {
         let [reach_0, reach_1, reach_2, reach_3, reach_4, reach_5, reach_6, reach_7] =
-            self.reach.map(|reach| reach.back.min(0xffff) | reach.on.min(0xffff) << 16);
+            std::array::from_fn(|i| self.reach[i].bits() | self.read[i].bits() << 16);
         PushBytes::new(&TileListPush {
             sums: at.of(self.sums),
             list: at.of(self.list),
-            ring: at.of(self.ring),
+            idle: at.of(self.idle),
             groups: at.of(self.groups),
             counts: at.of(self.counts),
             reach_0,
@@ -315,7 +326,7 @@ impl Kernel for TileList {
             reads: vec![(self.sums, u64::from(self.map.sums()) * 4)],
             writes: vec![
                 (self.list, self.list_bytes()),
-                (self.ring, self.list_bytes()),
+                (self.idle, self.list_bytes()),
                 (self.groups, self.groups_bytes()),
                 (self.counts, 4),
             ],

@@ -1,6 +1,7 @@
 //! What a pass that leaves quiet tiles out has denoised, read after it has run.
 
 use super::Dispatch;
+use crate::frame::Extent;
 use crate::kernels::BufferId;
 use crate::kernels::quiet::MapSize;
 use crate::net::graph::Stage;
@@ -59,6 +60,14 @@ impl Activity {
 }
 
 impl ActiveTiles {
+    /// The share of the squares of a frame that were denoised.
+    pub fn denoised(&self, frame: Extent) -> f64 {
+        let size = MapSize::of(frame);
+        let rows = self.map.chunks(self.size.columns.max(1) as usize).take(size.rows as usize);
+        let active = rows.flat_map(|row| row.iter().take(size.columns as usize)).filter(|active| **active).count();
+        active as f64 / f64::from(size.tiles().max(1))
+    }
+
     /// The share of a part's tiles that were active; 0 for a part that there is not.
     pub fn share(&self, part: usize) -> f64 {
         self.parts.get(part).map_or(0.0, |(part, active)| f64::from(*active) / f64::from(part.tiles.max(1)))

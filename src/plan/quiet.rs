@@ -4,8 +4,8 @@
 //! Dispatches of one part of the network at one resolution share a list. A list's tile is active where it looks at a square
 //! of the map that is to be denoised; how far it looks is known here:
 //! * exact: as far as the region's propagation says ([`super::region`]), from every square of the map in turn;
-//! * approximate: as far as its stage's margin says, and so far that all that reads a map finds its tiles computed. Where a
-//!   3x3 kernel reads beyond them, it finds zeros, as at the border of the frame.
+//! * approximate: as far as its stage's margin says. Where others read beyond its tiles, they find zeros, as convolutions do at
+//!   the border of the frame.
 //!
 //! What the whole frame is needed of (the features whose mean FiLM takes) stays whole.
 
@@ -13,13 +13,15 @@ use super::active::{Activity, Part};
 use super::featureless::For;
 use super::region::{needed_tokens, set_region};
 use super::{Buffer, Dispatch, Place, Plan};
+use crate::error::{Error, Result};
 use crate::frame::{Extent, Region};
 use crate::kernels::quiet::{
     BLEND_PIXELS, Fill, MAP_TILE, MapSize, QuietMap, REACHES, Reach, TileList, TileNoise, list_bytes,
 };
-use crate::kernels::{BufferId, Call, Shuffle, Storage, TILE, Tiles, Variants, View};
+use crate::kernels::{BufferId, Call, Shuffle, Storage, TILE, Tiles, Variants};
 use crate::net::graph::Stage;
 use std::collections::HashMap;
+use std::str::FromStr;
 
 /// How far beyond what is denoised the network computes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -30,38 +32,59 @@ pub enum QuietMode {
     Approximate(QuietMargins),
 }
 
+impl FromStr for QuietMode {
+    type Err = Error;
+
+    /// `exact` or `approximate`, with the margins of [`QuietMargins::default`].
+    fn from_str(text: &str) -> Result<Self> {
+        match text {
+            "exact" => Ok(Self::Exact),
+            "approximate" => Ok(Self::default()),
+            other => {
+                let reason = format!("'{other}'; it can be exact or approximate");
+                Err(Error::InvalidOption { option: "quiet mode", reason })
+            }
+        }
+    }
+}
+
 impl Default for QuietMode {
     fn default() -> Self {
         Self::Approximate(QuietMargins::default())
     }
 }
 
-/// Pixels beyond those that are denoised, with their blend, that every part of the network computes in approximate mode. Each
-/// part computes at least what the parts after it read in whole tiles; encoder and input compute that.
+/// Pixels beyond the squares that are denoised that every part of the network computes in approximate mode; in whole tiles. Input
+/// and output go at least as far as the blend. Stages are counted from the network's full resolution; the last of an array stands for any after it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct QuietMargins {
     /// The output.
     pub output: u32,
-    /// The decoder's stages, from that at the network's full resolution on; the last stands for any after it.
+    /// The decoder's stages.
     pub decoder: [u32; 3],
     /// The bottleneck.
     pub bottleneck: u32,
+    /// The encoder's stages.
+    pub encoder: [u32; 3],
+    /// The input.
+    pub input: u32,
 }
 
 impl QuietMargins {
     fn of(&self, stage: Stage) -> u32 {
         match stage {
-            Stage::Output => self.output,
+            Stage::Output => self.output.max(BLEND_PIXELS),
             Stage::Decoder(i) => self.decoder[(i as usize).min(self.decoder.len() - 1)],
             Stage::Bottleneck => self.bottleneck,
-            Stage::Input | Stage::Encoder(_) => 0,
+            Stage::Encoder(i) => self.encoder[(i as usize).min(self.encoder.len() - 1)],
+            Stage::Input => self.input.max(BLEND_PIXELS),
         }
     }
 }
 
 impl Default for QuietMargins {
     fn default() -> Self {
-        Self { output: 0, decoder: [0; 3], bottleneck: 0 }
+        Self { output: 8, decoder: [8, 0, 0], bottleneck: 0, encoder: [8, 0, 0], input: 8 }
     }
 }
 
@@ -74,16 +97,16 @@ pub struct Groups {
     pub list: usize,
     /// [`TileList::max_y`].
     pub max_y: u32,
-    /// Whether the dispatch is over the ring.
-    pub ring: bool,
+    /// Whether the dispatch is over the idle tiles.
+    pub idle: bool,
 }
 
 impl Groups {
     /// Bytes from the buffer's start to the workgroups of a call; `None` where they are not counted.
     pub fn offset(&self, call: &Call, variants: Variants) -> Option<u64> {
         let kernel = call.kernel();
-        match self.ring {
-            true => Some(TileList::ring_groups_at(self.max_y)),
+        match self.idle {
+            true => Some(TileList::idle_groups_at(self.max_y)),
             false => TileList::groups_at(self.max_y, kernel.tiles_a_group(variants), kernel.groups(variants)[1]),
         }
     }
@@ -116,6 +139,7 @@ struct List {
     columns: u32,
     rows: u32,
     reach: [Reach; REACHES],
+    read: [Reach; REACHES],
     max_y: u32,
 }
 
@@ -133,7 +157,7 @@ pub(super) fn apply(merged: Merged, buffers: &mut Vec<Buffer>, frame: &Frame) ->
         }
         QuietMode::Approximate(margins) => {
             reach_by_margins(&mut lists, &list_of, &merged, margins);
-            read_around(&merged, &list_of)
+            read_beyond(&merged, &list_of)
         }
     };
     let mut maker = Maker { buffers };
@@ -158,7 +182,7 @@ pub(super) fn apply(merged: Merged, buffers: &mut Vec<Buffer>, frame: &Frame) ->
         let mut call = TileList {
             sums,
             list: words("tiles", list_bytes(list.part.tiles) / 4),
-            ring: words("ring", list_bytes(list.part.tiles) / 4),
+            idle: words("idle", list_bytes(list.part.tiles) / 4),
             groups: sums,
             counts: activity.buffer,
             slot: map.tiles() + slot as u32,
@@ -167,6 +191,7 @@ pub(super) fn apply(merged: Merged, buffers: &mut Vec<Buffer>, frame: &Frame) ->
             rows: list.rows,
             tile_pixels: list.part.tile_pixels,
             reach: list.reach,
+            read: list.read,
             max_y: list.max_y,
         };
         call.groups = words("groups", call.groups_bytes() / 4);
@@ -188,17 +213,17 @@ pub(super) fn apply(merged: Merged, buffers: &mut Vec<Buffer>, frame: &Frame) ->
             continue;
         };
         let made = &made[list];
-        let groups = Groups { buffer: made.groups, list, max_y: made.max_y, ring: false };
+        let groups = Groups { buffer: made.groups, list, max_y: made.max_y, idle: false };
         let tiles = |buffer| Tiles::List { buffer, at_most: made.tiles() };
         dispatch.call.tiles_mut().into_iter().for_each(|own| *own = tiles(made.list));
         dispatch.groups = Some(groups);
         let fill = fills.get(&at).map(|side| {
             let dst = dispatch.call.result().copied();
             dst.map(|dst| Dispatch {
-                name: format!("{}.ring", dispatch.name),
-                call: Call::Fill(Fill { dst, side: *side, tiles: tiles(made.ring) }),
+                name: format!("{}.idle", dispatch.name),
+                call: Call::Fill(Fill { dst, side: *side, tiles: tiles(made.idle) }),
                 flops: 0,
-                groups: Some(Groups { ring: true, ..groups }),
+                groups: Some(Groups { idle: true, ..groups }),
                 ..dispatch.clone()
             })
         });
@@ -259,8 +284,10 @@ fn needed_whole(merged: &[(Dispatch, For)], frame: &Frame) -> Vec<bool> {
             whole[at] |= needed.is_some_and(|rect| !rect.is_empty());
         }
     }
-    for (whole, (dispatch, _)) in whole.iter_mut().zip(merged) {
-        *whole |= frame.keeps_features && dispatch.of_features;
+    for (whole, (dispatch, frames)) in whole.iter_mut().zip(merged) {
+        // The small maps of a frame without features stand for all of it.
+        let is_small = *frames == For::NoFeatures && !matches!(dispatch.call, Call::Expand(_));
+        *whole |= is_small || frame.keeps_features && dispatch.of_features;
     }
     whole
 }
@@ -277,7 +304,14 @@ fn part(merged: &[(Dispatch, For)], whole: &[bool], padded: Extent) -> (Vec<List
         let (columns, rows) = (width / TILE, height / TILE);
         let part = Part { stage: dispatch.stage, tile_pixels, tiles: columns * rows };
         let at = lists.iter().position(|list| list.part == part).unwrap_or_else(|| {
-            lists.push(List { part, columns, rows, reach: [Reach::default(); REACHES], max_y: 1 });
+            lists.push(List {
+                part,
+                columns,
+                rows,
+                reach: [Reach::default(); REACHES],
+                read: [Reach::default(); REACHES],
+                max_y: 1,
+            });
             lists.len() - 1
         });
         lists[at].max_y = lists[at].max_y.max(largest_y(&dispatch.call));
@@ -294,15 +328,13 @@ fn largest_y(call: &Call) -> u32 {
     variants.into_iter().map(|variants| call.kernel().groups(variants)[1]).max().unwrap_or(1)
 }
 
-impl List {
-    /// Has tiles `first..end` along an axis look at a square of the map.
-    fn add(&mut self, square: u32, first: u32, end: u32) {
-        for tile in first..end {
-            let start = tile * self.part.tile_pixels / MAP_TILE;
-            let reach = &mut self.reach[start as usize % REACHES];
-            reach.back = reach.back.max(start.saturating_sub(square));
-            reach.on = reach.on.max(square.saturating_sub(start));
-        }
+/// Has tiles `first..end` of so many pixels along an axis look at a square of the map.
+fn look(reach: &mut [Reach; REACHES], tile_pixels: u32, square: u32, (first, end): (u32, u32)) {
+    for tile in first..end {
+        let start = tile * tile_pixels / MAP_TILE;
+        let reach = &mut reach[start as usize % REACHES];
+        reach.back = reach.back.max(start.saturating_sub(square));
+        reach.on = reach.on.max(square.saturating_sub(start));
     }
 }
 
@@ -324,85 +356,89 @@ fn reach_exactly(lists: &mut [List], list_of: &[Option<usize>], merged: &[(Dispa
             for (at, rect) in places.iter().zip(needed) {
                 let (Some(list), Some(rect)) = (list_of[*at], rect) else { continue };
                 if !rect.is_empty() {
-                    lists[list].add(column, rect.left / TILE, rect.right.div_ceil(TILE));
-                    lists[list].add(row, rect.top / TILE, rect.bottom.div_ceil(TILE));
+                    let List { reach, part: Part { tile_pixels, .. }, .. } = &mut lists[list];
+                    look(reach, *tile_pixels, column, (rect.left / TILE, rect.right.div_ceil(TILE)));
+                    look(reach, *tile_pixels, row, (rect.top / TILE, rect.bottom.div_ceil(TILE)));
                 }
             }
         }
     }
 }
 
-/// Tiles look as far as their stage's margin, and farther where other tiles that look as far read them.
+/// Tiles look as far as their stage's margin; they are read as far as other tiles do, and a token around.
 fn reach_by_margins(lists: &mut [List], list_of: &[Option<usize>], merged: &[(Dispatch, For)], margins: &QuietMargins) {
-    let reads = reads_between(merged, list_of);
+    let reads = reads(merged, list_of);
     // In the middle of a map without ends, where every phase occurs.
     let middle = 1 << 10;
     for square in (middle..).take(REACHES) {
-        let around = |pixels: u32| {
-            let pixels = pixels + BLEND_PIXELS;
-            (square * MAP_TILE - pixels.min(middle * MAP_TILE), (square + 1) * MAP_TILE + pixels)
-        };
-        let outward = |list: &List, (first, end): (u32, u32)| {
+        let around = |first: u32, end: u32, pixels: u32| (first.saturating_sub(pixels), end.saturating_add(pixels));
+        let tiles = |list: &List, (first, end): (u32, u32)| {
             let pixels = list.part.tile_pixels;
-            (first / pixels * pixels, end.next_multiple_of(pixels))
+            (first / pixels, end.div_ceil(pixels))
         };
-        let mut spans: Vec<_> = lists.iter().map(|list| outward(list, around(margins.of(list.part.stage)))).collect();
-        loop {
-            let before = spans.clone();
-            for &(reader, producer) in &reads {
-                let (first, end) = outward(&lists[producer], spans[reader]);
-                spans[producer] = (spans[producer].0.min(first), spans[producer].1.max(end));
-            }
-            if spans == before {
-                break;
-            }
+        let active = |list: &List| {
+            let pixels = margins.of(list.part.stage).min(middle * MAP_TILE);
+            tiles(list, around(square * MAP_TILE, (square + 1) * MAP_TILE, pixels))
+        };
+        let spans: Vec<_> = lists.iter().map(active).collect();
+        for (list, span) in lists.iter_mut().zip(&spans) {
+            look(&mut list.reach, list.part.tile_pixels, square, *span);
         }
-        for (list, (first, end)) in lists.iter_mut().zip(spans) {
-            let pixels = list.part.tile_pixels;
-            list.add(square, first / pixels, end / pixels);
+        for &(reader, producer) in &reads {
+            let of_reader = lists[reader].part.tile_pixels;
+            let (first, end) = (spans[reader].0 * of_reader, spans[reader].1 * of_reader);
+            let list = &mut lists[producer];
+            let span = tiles(list, around(first, end, list.part.tile_pixels / TILE));
+            look(&mut list.read, list.part.tile_pixels, square, span);
         }
     }
 }
 
-/// Which list's dispatches read what another's have written: (reader, producer).
-fn reads_between(merged: &[(Dispatch, For)], list_of: &[Option<usize>]) -> Vec<(usize, usize)> {
+/// Which list's dispatches read what a list's have written: (reader, producer).
+fn reads(merged: &[(Dispatch, For)], list_of: &[Option<usize>]) -> Vec<(usize, usize)> {
     let mut pairs = Vec::new();
-    for other in KINDS {
-        let mut written: HashMap<BufferId, Vec<usize>> = HashMap::new();
-        for ((dispatch, frames), list) in merged.iter().zip(list_of) {
-            if *frames == other {
-                continue;
-            }
-            let traffic = dispatch.call.kernel().traffic();
-            let Some(list) = *list else { continue };
-            for producer in traffic.reads.iter().filter_map(|(id, _)| written.get(id)).flatten() {
-                if *producer != list && !pairs.contains(&(list, *producer)) {
-                    pairs.push((list, *producer));
-                }
-            }
-            traffic.writes.iter().for_each(|(id, _)| written.entry(*id).or_default().push(list));
+    each_read(merged, list_of, |(_, reader), (_, producer), _| {
+        if !pairs.contains(&(reader, producer)) {
+            pairs.push((reader, producer));
         }
-    }
+    });
     pairs
 }
 
-/// The dispatches beside whose tiles a 3x3 kernel reads, with the side of a tile of theirs in tokens of their result.
-fn read_around(merged: &[(Dispatch, For)], list_of: &[Option<usize>]) -> HashMap<usize, u32> {
-    let around: Vec<BufferId> = merged
-        .iter()
-        .zip(list_of)
-        .filter_map(|((dispatch, _), list)| list.and(dispatch.call.reads_around()).map(|view| view.buffer))
-        .collect();
+/// A dispatch's place, and its list.
+type InList = (usize, usize);
+
+/// Calls `each` with every dispatch over a list and every one before it that has written a buffer that it reads.
+fn each_read(merged: &[(Dispatch, For)], list_of: &[Option<usize>], mut each: impl FnMut(InList, InList, BufferId)) {
+    for other in KINDS {
+        let mut written: HashMap<BufferId, Vec<InList>> = HashMap::new();
+        for (at, ((dispatch, frames), list)) in merged.iter().zip(list_of).enumerate() {
+            let (Some(list), true) = (*list, *frames != other) else { continue };
+            let traffic = dispatch.call.kernel().traffic();
+            for (id, _) in &traffic.reads {
+                written.get(id).into_iter().flatten().for_each(|producer| each((at, list), *producer, *id));
+            }
+            traffic.writes.iter().for_each(|(id, _)| written.entry(*id).or_default().push((at, list)));
+        }
+    }
+}
+
+/// The dispatches whose results are read beyond their own tiles, by convolutions or by dispatches over another list, with the side
+/// of a tile of theirs in tokens of the result.
+fn read_beyond(merged: &[(Dispatch, For)], list_of: &[Option<usize>]) -> HashMap<usize, u32> {
     let side = |call: &Call| match call {
         Call::Conv3x3(conv) => side_of(conv.shuffle),
         Call::Winograd3x3(winograd) => side_of(winograd.conv.shuffle),
         _ => TILE,
     };
-    let beside = merged.iter().zip(list_of).enumerate().filter_map(|(at, ((dispatch, _), list))| {
-        let View { buffer, .. } = list.and(dispatch.call.result())?;
-        around.contains(buffer).then(|| (at, side(&dispatch.call)))
+    let mut found = HashMap::new();
+    each_read(merged, list_of, |(at, reader), (from, producer), id| {
+        let around = merged[at].0.call.reads_around().is_some_and(|view| view.buffer == id);
+        if around || reader != producer {
+            found.insert(from, side(&merged[from].0.call));
+        }
     });
-    beside.collect()
+    found
 }
 
 fn side_of(shuffle: Shuffle) -> u32 {

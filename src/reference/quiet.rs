@@ -2,7 +2,9 @@
 
 use super::Reference;
 use super::frame_io::{FrameData, reflect};
-use crate::kernels::quiet::{ALWAYS, Fill, MAP_TILE, NoiseKind, QuietMap, Reach, TILES_A_GROUP, TileList, TileNoise};
+use crate::kernels::quiet::{
+    ALWAYS, FAR, Fill, MAP_TILE, NoiseKind, QuietMap, REACHES, Reach, TILES_A_GROUP, TileList, TileNoise,
+};
 use crate::kernels::stats::{EXPOSURE, KEY};
 use crate::kernels::{TILE, View};
 
@@ -99,23 +101,25 @@ pub fn quiet_map(reference: &mut Reference, call: &QuietMap) {
     reference.set_buffer(call.sums, &sums);
 }
 
-/// Active tiles, those beside them, workgroups, their number.
+/// Active tiles, others that are read, workgroups, the number of active ones.
 pub fn tile_list(reference: &mut Reference, call: &TileList) {
     let across = call.map.columns as usize + 1;
     let sums = reference.buffer(call.sums);
     let at = |x: usize, y: usize| sums[y * across + x];
     let marked = |x: usize, y: usize| at(x + 1, y + 1) + at(x, y) - at(x + 1, y) - at(x, y + 1) > 0.0;
-    let seen = |tile: u32, end: u32| {
+    let seen = |reach: &[Reach; REACHES], tile: u32, end: u32| {
         let start = tile * call.tile_pixels / MAP_TILE;
-        let Reach { back, on } = call.reach[start as usize % call.reach.len()];
-        start.saturating_sub(back) as usize..(start + on + 1).min(end) as usize
+        let Reach { back, on } = reach[start as usize % REACHES];
+        let first = if back >= FAR { 0 } else { start.saturating_sub(back) };
+        let end = if on >= FAR { end } else { (start + on + 1).min(end) };
+        first as usize..end as usize
     };
-    let is_active =
-        |x: u32, y: u32| seen(y, call.map.rows).any(|row| seen(x, call.map.columns).any(|column| marked(column, row)));
+    let sees = |reach: &[Reach; REACHES], x: u32, y: u32| {
+        seen(reach, y, call.map.rows).any(|row| seen(reach, x, call.map.columns).any(|column| marked(column, row)))
+    };
     let tiles: Vec<(u32, u32)> = (0..call.rows).flat_map(|y| (0..call.columns).map(move |x| (x, y))).collect();
-    let active: Vec<_> = tiles.iter().copied().filter(|(x, y)| is_active(*x, *y)).collect();
-    let is_beside = |&(x, y): &(u32, u32)| active.iter().any(|(ax, ay)| ax.abs_diff(x) <= 1 && ay.abs_diff(y) <= 1);
-    let ring: Vec<_> = tiles.iter().copied().filter(|tile| !active.contains(tile) && is_beside(tile)).collect();
+    let (active, others): (Vec<_>, Vec<_>) = tiles.into_iter().partition(|(x, y)| sees(&call.reach, *x, *y));
+    let idle: Vec<_> = others.into_iter().filter(|(x, y)| sees(&call.read, *x, *y)).collect();
 
     let groups = |x: u32, y: u32| {
         let z = x.div_ceil(LARGEST_X).max(1);
@@ -123,9 +127,9 @@ pub fn tile_list(reference: &mut Reference, call: &TileList) {
     };
     let count = active.len() as u32;
     let sizes = TILES_A_GROUP.iter().flat_map(|size| (1..=call.max_y).map(move |y| (count.div_ceil(*size), y)));
-    let shapes: Vec<f64> = sizes.chain([(ring.len() as u32, 1)]).flat_map(|(x, y)| groups(x, y)).collect();
+    let shapes: Vec<f64> = sizes.chain([(idle.len() as u32, 1)]).flat_map(|(x, y)| groups(x, y)).collect();
     reference.set_tiles(call.list, &active);
-    reference.set_tiles(call.ring, &ring);
+    reference.set_tiles(call.idle, &idle);
     reference.set_buffer(call.groups, &shapes);
     reference.set_element(call.counts, call.slot as usize, f64::from(count));
 }
