@@ -120,6 +120,9 @@ impl HostPass {
         let told = &self.output.bytes()[4 * OUTPUT_FLOATS as usize * pixels..];
         let (stats, told) = told.split_at(4 * STATS_FLOATS as usize);
         self.active = self.pass.active_tiles(bytemuck::cast_slice(told));
+        if let Some(active) = &self.active {
+            self.records.iter_mut().for_each(|record| record.count_active(active));
+        }
         Ok(Report {
             exposure: bytemuck::cast_slice(stats).get(EXPOSURE).copied().unwrap_or(f32::NAN),
             gpu_ms,

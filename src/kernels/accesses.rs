@@ -38,6 +38,15 @@ impl Accesses {
         self.shared_loads + self.shared_stores
     }
 
+    /// A share of them.
+    pub(crate) fn part(self, share: f64) -> Self {
+        let part = |all: u64| (all as f64 * share).round() as u64;
+        let Self { global_loads, global_stores, shared_loads, shared_stores } = self;
+        let [global_loads, global_stores] = [global_loads, global_stores].map(part);
+        let [shared_loads, shared_stores] = [shared_loads, shared_stores].map(part);
+        Self { global_loads, global_stores, shared_loads, shared_stores }
+    }
+
     fn each(invocations: u64, global_loads: u64, global_stores: u64) -> Self {
         Self { global_loads: invocations * global_loads, global_stores: invocations * global_stores, ..Self::default() }
     }

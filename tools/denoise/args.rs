@@ -69,7 +69,7 @@ pub struct Args {
 
     /// Leave out what has less relative noise than this: squares of 16x16 pixels that keep their colour, for part of the work.
     /// 0.025 is hardly visible. The noise is estimated, or known from a layer of variance or sample counts. 0: denoise all
-    #[arg(long, value_name = "NOISE", default_value_t = 0.0, value_parser = noise)]
+    #[arg(long, value_name = "NOISE", default_value_t = 0.0, allow_hyphen_values = true, value_parser = noise)]
     pub skip_below: f32,
 
     /// What is left out with them: "approximate" (as much as is hardly visible) or "exact" (what the rest does not depend on)
