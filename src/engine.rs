@@ -27,6 +27,8 @@ pub(crate) struct Engine {
     pub pipelines: Pipelines,
     pub weights: Buffer,
     pub exposure_rule: ExposureRule,
+    /// Relative noise below which nothing is denoised, where the plans leave that out.
+    pub quiet_threshold: f32,
     /// Most device memory that a frame may take, in bytes.
     pub memory_budget: Option<u64>,
     /// Whether kernels shaped for CPU drivers run.
@@ -48,6 +50,7 @@ impl Engine {
             separable: options.separable.unwrap_or(forms.separable),
             max_chain_bytes: options.max_chain_bytes.unwrap_or(max_chain_bytes(storage)),
             keep_features: options.keep_features,
+            quiet: options.quiet.map(|quiet| quiet.mode),
             storage,
             ..PlanOptions::default()
         };
@@ -55,7 +58,8 @@ impl Engine {
         // The packing is the same at every size.
         let smallest = plan(&graph, Extent::new(1, 1), &plan_options)?;
         let engine = Self::of_plan(device, graph, &smallest, weights, plan_options)?;
-        Ok(Self { memory_budget: options.memory_budget, ..engine })
+        let quiet_threshold = options.quiet.map_or(0.0, |quiet| quiet.threshold);
+        Ok(Self { memory_budget: options.memory_budget, quiet_threshold, ..engine })
     }
 
     /// For plans that pack the weights as `plan` does, which was made with `plan_options`.
@@ -73,6 +77,7 @@ impl Engine {
             graph,
             plan_options,
             exposure_rule: weights.preprocessing().exposure,
+            quiet_threshold: 0.0,
             memory_budget: None,
             cpu: prefers_cpu_kernels(device),
             matrix: false,

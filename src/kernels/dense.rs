@@ -56,12 +56,16 @@ impl Conv3x3 {
 /// Workgroups for tiles and channels. A workgroup has 64 invocations of so many tokens each as the variant defines, or
 /// subgroups of one tile each.
 pub(super) fn dense_groups(tiles: u32, channels: u32, tile_channels: u32, contract: &Contract) -> [u32; 3] {
-    let tiles_per_group = if contract.needs_matrix() {
+    groups(tiles.div_ceil(tiles_a_group(contract)), channels.div_ceil(tile_channels))
+}
+
+/// Tiles of a workgroup.
+pub(super) fn tiles_a_group(contract: &Contract) -> u32 {
+    if contract.needs_matrix() {
         contracts::MATRIX_SUBGROUPS
     } else {
         (contract.define("TX") * contract.define("TY")) as u32
-    };
-    groups(tiles.div_ceil(tiles_per_group), channels.div_ceil(tile_channels))
+    }
 }
 
 impl Kernel for Conv3x3 {
@@ -95,6 +99,10 @@ impl Kernel for Conv3x3 {
         let (width, height) = self.result_size();
         let tile_channels = conv_tile_channels(self.channels);
         dense_groups(self.tiles.count(width, height), self.channels, tile_channels, self.contract(variants))
+    }
+
+    fn tiles_a_group(&self, variants: Variants) -> u32 {
+        tiles_a_group(self.contract(variants))
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {
@@ -210,6 +218,10 @@ impl Kernel for Linear {
     fn groups(&self, variants: Variants) -> [u32; 3] {
         let tiles = self.tiles.count(self.dst.width, self.dst.height);
         dense_groups(tiles, self.dst.channels, TILE_CHANNELS, self.contract(variants))
+    }
+
+    fn tiles_a_group(&self, variants: Variants) -> u32 {
+        tiles_a_group(self.contract(variants))
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {

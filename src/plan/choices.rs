@@ -2,6 +2,7 @@
 
 use super::conv_table::ConvTable;
 use super::pack::Pack;
+use super::quiet::QuietMode;
 use crate::kernels::dense::TILE_CHANNELS;
 use crate::kernels::separable::Separable3x3;
 use crate::kernels::winograd::WinogradTile;
@@ -22,6 +23,8 @@ pub struct PlanOptions {
     pub keep_features: bool,
     /// Which operations are folded into others before anything else is chosen.
     pub folds: Folds,
+    /// How quiet tiles are left out; `None`: none are.
+    pub quiet: Option<QuietMode>,
     /// How dense 3x3 convolutions are computed.
     pub conv: ConvAlgorithm,
     /// How those of some shapes are, in the place of [`PlanOptions::conv`].
@@ -31,6 +34,7 @@ pub struct PlanOptions {
     /// How feature maps are stored. Log colour and residual are 32-bit floats always.
     pub storage: Storage,
     /// Bytes that a map between consecutive operations may take; where it would take more, they run band by band of the frame.
+    /// Not where quiet tiles are left out.
     pub max_chain_bytes: u64,
 }
 
@@ -51,6 +55,7 @@ impl Default for PlanOptions {
             keep_all: false,
             keep_features: false,
             folds: Folds::ALL,
+            quiet: None,
             conv: ConvAlgorithm::default(),
             conv_table: ConvTable::default(),
             separable: SeparableForm::default(),
