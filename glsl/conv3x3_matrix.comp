@@ -48,8 +48,10 @@ uint staged_row(uint row) {
 
 void main() {
     uint slot = group_index() * SUBGROUPS + gl_SubgroupID;
-    bool live = slot < tile_count;
-    uvec2 origin = tile_origin(min(slot, tile_count - 1u), first_tile, flags, tiles);
+    uint count = tiles_of(tile_count, flags, tiles);
+    if (count == 0u) return;
+    bool live = slot < count;
+    uvec2 origin = tile_origin(min(slot, count - 1u), first_tile, flags, tiles);
     uint rows = gl_SubgroupID * SOURCE_ROWS * 8u * INPUTS_STRIDE;
     uint first_weight = bias_vectors + gl_WorkGroupID.y * 9u * src_channels * OUTPUTS;
 

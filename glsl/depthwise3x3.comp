@@ -29,7 +29,7 @@ layout(push_constant) uniform Push {
 void main() {
     uint slot = group_index();
     uint channel = gl_WorkGroupID.y * 8u + gl_LocalInvocationID.x % 8u;
-    if (slot >= tile_count || channel >= channels) return;
+    if (slot >= tiles_of(tile_count, flags, tiles) || channel >= channels) return;
     uvec2 origin = tile_origin(slot, first_tile, flags, tiles);
     uint run = gl_LocalInvocationID.x / 8u;
     ivec2 base = ivec2(origin) + ivec2(run % (8u / TX), run / (8u / TX)) * ivec2(TX, TY);

@@ -32,7 +32,7 @@ uint source_of(uint i, uint size, uint small) {
 
 void main() {
     uint slot = group_index();
-    if (slot >= tile_count) return;
+    if (slot >= tiles_of(tile_count, flags, tiles)) return;
     uvec2 at = tile_origin(slot, first_tile, flags, tiles);
     at += uvec2(gl_LocalInvocationID.x % 8u, gl_LocalInvocationID.x / 8u);
     uvec2 from = uvec2(source_of(at.x, width, src_width), source_of(at.y, height, src_height));

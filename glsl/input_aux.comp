@@ -78,7 +78,7 @@ float unit_or(float x, float otherwise) {
 
 void main() {
     uint slot = group_index();
-    if (slot >= tile_count) return;
+    if (slot >= tiles_of(tile_count, flags, tiles)) return;
     uvec2 to = tile_origin(slot, first_tile, flags, tiles);
     to += uvec2(gl_LocalInvocationID.x % 8u, gl_LocalInvocationID.x / 8u);
     uvec2 at = uvec2(reflect_index(to.x, width), reflect_index(to.y, height));

@@ -27,7 +27,7 @@ const float EPSILON = 1e-5;
 
 void main() {
     uint slot = group_index();
-    if (slot >= tile_count) return;
+    if (slot >= tiles_of(tile_count, flags, tiles)) return;
     uvec2 at = tile_origin(slot, first_tile, flags, tiles);
     at += uvec2(gl_LocalInvocationID.x % 8u, gl_LocalInvocationID.x / 8u);
     uint pixel = at.y * width + at.x;

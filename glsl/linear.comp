@@ -42,8 +42,10 @@ vec4 activations[PIXELS];
 
 void main() {
     uint slot = group_index() * (64u / LANES) + gl_LocalInvocationID.x / LANES;
-    bool live = slot < tile_count;
-    uvec2 origin = tile_origin(min(slot, tile_count - 1u), first_tile, flags, tiles);
+    uint count = tiles_of(tile_count, flags, tiles);
+    if (count == 0u) return;
+    bool live = slot < count;
+    uvec2 origin = tile_origin(min(slot, count - 1u), first_tile, flags, tiles);
     uint lane = gl_LocalInvocationID.x % LANES;
     uvec2 base = origin + uvec2(lane % LANES_X, lane / LANES_X) * uvec2(TX, TY);
     uint tile_n = gl_WorkGroupID.y;

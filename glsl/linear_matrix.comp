@@ -50,8 +50,10 @@ void finish(uvec2 at, uint channel, vec4 value) {
 
 void main() {
     uint slot = group_index() * SUBGROUPS + gl_SubgroupID;
-    bool live = slot < tile_count;
-    uvec2 origin = tile_origin(min(slot, tile_count - 1u), first_tile, flags, tiles);
+    uint count = tiles_of(tile_count, flags, tiles);
+    if (count == 0u) return;
+    bool live = slot < count;
+    uvec2 origin = tile_origin(min(slot, count - 1u), first_tile, flags, tiles);
     uint rows = gl_SubgroupID * TOKENS * INPUTS_STRIDE;
     uint inputs = src_channels + src_b_channels;
     uint first_weight = bias_vectors + gl_WorkGroupID.y * inputs * OUTPUTS;

@@ -1,23 +1,24 @@
-// The network's residual to the denoised colour, cropped to the frame.
+// The network's residual to the denoised colour, cropped to the frame. Where a map says what is quiet, quiet pixels are the
+// caller's, but for a blend beside those that are not.
 #version 460
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"
 #include "shared/stats.glsl"
 #include "shared/log_exp.glsl"
+#include "shared/planes.glsl"
+#include "shared/quiet.glsl"
 #ifdef TARGET_F16
 #extension GL_EXT_shader_16bit_storage : require
 #extension GL_EXT_shader_explicit_arithmetic_types_float16 : require
-#endif
-#ifdef IMAGES
-#extension GL_EXT_samplerless_texture_functions : require
 #endif
 
 layout(local_size_x = 64) in;
 
 #ifdef IMAGES
-layout(set = 0, binding = 0) uniform texture2D color_image;      // for its alpha
+layout(set = 0, binding = 0) uniform texture2D color_image;
 layout(set = 0, binding = 1, TARGET_FORMAT) uniform writeonly image2D dst_image;
 #define PLANE Uints
+#define COLOR Uints
 #elif defined(TARGET_F16)
 layout(buffer_reference, std430, buffer_reference_align = 2) writeonly buffer HalfPlane { float16_t v[]; };
 #define PLANE HalfPlane
@@ -29,6 +30,9 @@ layout(buffer_reference, std430, buffer_reference_align = 4) writeonly buffer Fl
 #ifndef TARGET_MAX
 #define TARGET_MAX 3.402823466e38
 #endif
+#ifndef COLOR
+#define COLOR Plane
+#endif
 
 layout(push_constant) uniform Push {
     Source residual;
@@ -36,10 +40,16 @@ layout(push_constant) uniform Push {
     Stats stats;
     PLANE dst;
     TileList tiles;       // with FLAG_TILE_LIST
+    COLOR color;          // the caller's, with FLAG_QUIET
+    Uints map;            // with FLAG_QUIET
     uint dst_offset;      // in samples, like the strides
     uint dst_pixel;
     uint dst_row;
     uint dst_channel;
+    uint color_offset;
+    uint color_pixel;
+    uint color_row;
+    uint color_channel;
     uint left;            // the pixels to write, ends excluded
     uint top;
     uint right;
@@ -52,6 +62,31 @@ layout(push_constant) uniform Push {
     float blend;
 };
 
+#include "shared/read_color.glsl"
+
+const uint FLAG_QUIET = 16u;
+const float BLEND_PIXELS = 8.0;
+
+// The share of the caller's colour in a pixel: none where it is to be denoised, all where it is far from that.
+float quiet_share(uvec2 at) {
+    uvec2 tile = at / MAP_TILE;
+    uint columns = src_width / MAP_TILE;
+    uint rows = (bottom + MAP_TILE - 1u) / MAP_TILE;
+    if (map.v[tile.y * columns + tile.x] != 0u) return 0.0;
+    float nearest = BLEND_PIXELS;
+    uvec2 last = min(tile + 1u, uvec2(columns, rows) - 1u);
+    for (uint y = max(tile.y, 1u) - 1u; y <= last.y; ++y) {
+        for (uint x = max(tile.x, 1u) - 1u; x <= last.x; ++x) {
+            if (map.v[y * columns + x] == 0u) continue;
+            // From the pixel's middle to the square.
+            vec2 low = vec2(uvec2(x, y) * MAP_TILE);
+            vec2 beyond = max(max(low - (vec2(at) + 0.5), (vec2(at) + 0.5) - (low + float(MAP_TILE))), vec2(0.0));
+            nearest = min(nearest, length(beyond));
+        }
+    }
+    return smoothstep(0.0, BLEND_PIXELS, nearest);
+}
+
 // Where expm1 ends: the largest float's logarithm.
 const float MAX_LOG = 88.0;
 
@@ -62,19 +97,26 @@ float linear_color(float log_value, float inverse_exposure) {
 
 void main() {
     uint slot = group_index();
-    if (slot >= tile_count) return;
+    if (slot >= tiles_of(tile_count, flags, tiles)) return;
     uvec2 at = tile_origin(slot, first_tile, flags, tiles);
     at += uvec2(gl_LocalInvocationID.x % 8u, gl_LocalInvocationID.x / 8u);
     if (at.x < left || at.x >= right || at.y < top || at.y >= bottom) return;
 
-    uint pixel = at.y * src_width + at.x;
-    vec3 noisy = LOAD(log_color, pixel).xyz;
-    vec3 clean = noisy + LOAD(residual, pixel * residual_stride).xyz;
-    float inverse = 1.0 / stats.exposure;
-    vec3 color;
-    for (int i = 0; i < 3; ++i) {
-        color[i] = linear_color(clean[i], inverse);
-        if (blend > 0.0) color[i] = mix(color[i], linear_color(noisy[i], inverse), blend);
+    float quiet = (flags & FLAG_QUIET) != 0u ? quiet_share(at) : 0.0;
+    vec3 color = vec3(0.0);
+    if (quiet < 1.0) {
+        uint pixel = at.y * src_width + at.x;
+        vec3 noisy = LOAD(log_color, pixel).xyz;
+        vec3 clean = noisy + LOAD(residual, pixel * residual_stride).xyz;
+        float inverse = 1.0 / stats.exposure;
+        for (int i = 0; i < 3; ++i) {
+            color[i] = linear_color(clean[i], inverse);
+            if (blend > 0.0) color[i] = mix(color[i], linear_color(noisy[i], inverse), blend);
+        }
+    }
+    if (quiet > 0.0) {
+        vec3 own = min(read_color(at), vec3(TARGET_MAX));
+        color = quiet < 1.0 ? mix(color, own, quiet) : own;
     }
 #ifdef IMAGES
     imageStore(dst_image, ivec2(at), vec4(color, texelFetch(color_image, ivec2(at), 0).a));

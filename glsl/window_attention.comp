@@ -42,7 +42,7 @@ uint token_pixel(uint token) {
 
 void main() {
     uint slot = group_index();
-    if (slot >= tile_count) return;                          // whole groups only
+    if (slot >= tiles_of(tile_count, flags, tiles)) return;                          // whole groups only
     uint head = gl_WorkGroupID.y;
     uvec2 at = tile_origin(slot, first_tile, flags, tiles);
     window_pixel = at.y * width + at.x;

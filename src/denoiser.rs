@@ -9,6 +9,8 @@ use crate::memory::MemoryRequired;
 use crate::net::Folds;
 use crate::net::weights::Weights;
 use crate::pass::{FrameOptions, Pass};
+use crate::plan::active::ActiveTiles;
+use crate::plan::quiet::QuietMode;
 use crate::plan::{ConvAlgorithm, ConvTable, SeparableForm};
 use crate::profile::KernelRecord;
 use crate::tune;
@@ -101,6 +103,28 @@ pub struct Options {
     /// Whether what depends on albedo, normal and depth alone is kept between frames, for a camera that stands still:
     /// [`FrameOptions::features_unchanged`], [`Denoiser::set_features_unchanged`]. It costs device memory.
     pub keep_features: bool,
+    /// What is left out as it needs no denoising; `None`: nothing.
+    pub quiet: Option<Quiet>,
+}
+
+/// Leaves out what needs no denoising: squares of 16x16 pixels whose noise is low get the caller's own colour, blended beside what
+/// is denoised. The frame is not cut into bands then, so that it may take more device memory ([`Denoiser::memory_required`]).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Quiet {
+    /// The relative standard deviation of a pixel up to which it is left as it is, above 0. 0.02 is hardly visible.
+    pub threshold: f32,
+    /// How far beyond what is denoised the network computes.
+    pub mode: QuietMode,
+}
+
+impl Quiet {
+    fn check(&self) -> Result<()> {
+        if self.threshold.is_finite() && self.threshold > 0.0 {
+            return Ok(());
+        }
+        let reason = format!("{}; it must be a number above 0", self.threshold);
+        Err(Error::InvalidOption { option: "quiet threshold", reason })
+    }
 }
 
 /// What one call of the host path did.
@@ -113,8 +137,8 @@ pub struct Report {
     /// Milliseconds of the whole call on the host: copies, device, wait. The first call of a size also plans, allocates
     /// and compiles.
     pub total_ms: f64,
-    /// Share of the FLOPs of the whole frame's pass that were computed: 1, or less with [`Denoiser::set_region`] and
-    /// [`Denoiser::set_features_unchanged`].
+    /// Share of the FLOPs of the whole frame's pass that were computed: 1, or less with [`Denoiser::set_region`],
+    /// [`Denoiser::set_features_unchanged`] and [`Options::quiet`].
     pub work: f64,
     /// Device memory of arena, weights and staging, in bytes.
     pub device_bytes: u64,
@@ -180,6 +204,7 @@ impl Denoiser {
     ) -> Result<Self> {
         let frame = FrameOptions { exposure: options.exposure, blend: options.blend, ..FrameOptions::default() };
         frame.check()?;
+        options.quiet.map_or(Ok(()), |quiet| quiet.check())?;
         let mut engine = Engine::new(device, weights, options, table)?;
         engine.cpu = cpu;
         engine.matrix = engine::wants_matrices(device, options.precision)?;
@@ -228,6 +253,11 @@ impl Denoiser {
     /// [`Denoiser::set_profiling`].
     pub fn records(&self) -> &[KernelRecord] {
         self.host.as_ref().map_or(&[], HostPass::records)
+    }
+
+    /// Which tiles the last call worked on; `None` without [`Options::quiet`].
+    pub fn active_tiles(&self) -> Option<&ActiveTiles> {
+        self.host.as_ref().and_then(HostPass::active)
     }
 
     /// What the driver's compiler says of the kernels made so far: registers, spills, shared memory. Empty unless the device

@@ -134,6 +134,7 @@ fn image_of(frame: &ImageFrame, name: &str) -> ImagePlane {
         "albedo_image" => frame.albedo.unwrap_or(frame.color),
         "normal_image" => frame.normal.unwrap_or(frame.color),
         "depth_image" => frame.depth.unwrap_or(frame.color),
+        "noise_image" => frame.noise.map_or(frame.color, |noise| noise.plane),
         _ => frame.color,
     }
 }

@@ -4,13 +4,14 @@ use crate::denoiser::{Options, Precision};
 use crate::error::{Error, Result};
 use crate::frame::Extent;
 use crate::kernels::contract::Need;
+use crate::kernels::winograd::WinogradTile;
 use crate::kernels::{Storage, Variants};
 use crate::memory;
 use crate::net::Folds;
 use crate::net::graph::Graph;
 use crate::net::weights::{ExposureRule, Weights, WeightsError};
 use crate::pipelines::Pipelines;
-use crate::plan::{ConvTable, Place, Plan, PlanOptions, max_chain_bytes, plan};
+use crate::plan::{ConvAlgorithm, ConvTable, Place, Plan, PlanOptions, SeparableForm, max_chain_bytes, plan};
 use crate::vk::caps::{DeviceKind, TEXEL_BYTES};
 use crate::vk::device::Device;
 use crate::vk::memory::Buffer;
@@ -26,6 +27,8 @@ pub(crate) struct Engine {
     pub pipelines: Pipelines,
     pub weights: Buffer,
     pub exposure_rule: ExposureRule,
+    /// Relative noise below which nothing is denoised, where the plans leave that out.
+    pub quiet_threshold: f32,
     /// Most device memory that a frame may take, in bytes.
     pub memory_budget: Option<u64>,
     /// Whether kernels shaped for CPU drivers run.
@@ -38,15 +41,16 @@ impl Engine {
     /// `conv_table` has the forms of convolutions that were measured.
     pub fn new(device: &Device, weights: &Weights, options: &Options, conv_table: ConvTable) -> Result<Self> {
         let storage = wanted_storage(device, options.precision)?;
+        let forms = Forms::of(device, wants_matrices(device, options.precision)?);
         let plan_options = PlanOptions {
             max_block_bytes: Self::max_block_bytes(device),
-            // No other form is faster on every device measured.
             folds: options.folds.unwrap_or(Folds::ALL),
-            conv: options.conv.unwrap_or_default(),
+            conv: options.conv.unwrap_or(forms.conv),
             conv_table,
-            separable: options.separable.unwrap_or_default(),
+            separable: options.separable.unwrap_or(forms.separable),
             max_chain_bytes: options.max_chain_bytes.unwrap_or(max_chain_bytes(storage)),
             keep_features: options.keep_features,
+            quiet: options.quiet.map(|quiet| quiet.mode),
             storage,
             ..PlanOptions::default()
         };
@@ -54,7 +58,8 @@ impl Engine {
         // The packing is the same at every size.
         let smallest = plan(&graph, Extent::new(1, 1), &plan_options)?;
         let engine = Self::of_plan(device, graph, &smallest, weights, plan_options)?;
-        Ok(Self { memory_budget: options.memory_budget, ..engine })
+        let quiet_threshold = options.quiet.map_or(0.0, |quiet| quiet.threshold);
+        Ok(Self { memory_budget: options.memory_budget, quiet_threshold, ..engine })
     }
 
     /// For plans that pack the weights as `plan` does, which was made with `plan_options`.
@@ -72,6 +77,7 @@ impl Engine {
             graph,
             plan_options,
             exposure_rule: weights.preprocessing().exposure,
+            quiet_threshold: 0.0,
             memory_budget: None,
             cpu: prefers_cpu_kernels(device),
             matrix: false,
@@ -100,6 +106,24 @@ impl Engine {
     /// The kernels that this device prefers, for a frame in buffers.
     pub fn variants(&self) -> Variants {
         Variants { cpu: self.cpu, matrix: self.matrix, images: false, output_half: false }
+    }
+}
+
+/// The forms of convolutions that suit a device, as far as devices were measured (`docs/performance.md`).
+struct Forms {
+    conv: ConvAlgorithm,
+    separable: SeparableForm,
+}
+
+impl Forms {
+    fn of(device: &Device, matrix: bool) -> Self {
+        if matrix || !prefers_cpu_kernels(device) {
+            return Self { conv: ConvAlgorithm::Direct, separable: SeparableForm::TwoKernels };
+        }
+        // On lavapipe of Mesa 22.3 Winograd's filtering is faster in every convolution of the network, on that of 25.0 in none.
+        let old = device.caps().lavapipe.is_some_and(|mesa| mesa < 23);
+        let conv = if old { ConvAlgorithm::Winograd(WinogradTile::F2) } else { ConvAlgorithm::Direct };
+        Self { conv, separable: SeparableForm::Narrow }
     }
 }
 

@@ -1,6 +1,7 @@
 //! What the caller hands in: planes of samples in host memory, checked once against the frame's size.
 
 use crate::error::{Error, Result};
+use crate::kernels::quiet::NoiseKind;
 use half::f16;
 use std::str::FromStr;
 
@@ -299,7 +300,16 @@ fn pack(samples: &Samples, layout: &Layout, extent: Extent, channels: usize, out
     }
 }
 
-/// The optional auxiliary features of a frame (its G-buffer). Each that is missing costs some quality.
+/// What a renderer knows of the colour's noise: a plane of one channel.
+#[derive(Clone, Copy, Debug)]
+pub struct Noise<P> {
+    /// The plane.
+    pub plane: P,
+    /// What it holds.
+    pub kind: NoiseKind,
+}
+
+/// The optional planes beside a frame's colour. Each of its G-buffer that is missing costs some quality.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct Features<'a> {
     /// Albedo: three channels, used in [0, 1].
@@ -309,13 +319,16 @@ pub struct Features<'a> {
     /// Depth: one channel, any unit, larger is farther; 0, negative, non-finite or at least 1e9 (in halves 65000) is
     /// background.
     pub depth: Option<Plane<'a>>,
+    /// The colour's noise: which pixels need no denoising ([`crate::Options::quiet`]; else not looked at).
+    pub noise: Option<Noise<Plane<'a>>>,
 }
 
 impl Features<'_> {
     fn check(&self, extent: Extent) -> Result<()> {
         self.albedo.as_ref().map_or(Ok(()), |p| p.check("albedo", extent, 3))?;
         self.normal.as_ref().map_or(Ok(()), |p| p.check("normal", extent, 3))?;
-        self.depth.as_ref().map_or(Ok(()), |p| p.check("depth", extent, 1))
+        self.depth.as_ref().map_or(Ok(()), |p| p.check("depth", extent, 1))?;
+        self.noise.as_ref().map_or(Ok(()), |noise| noise.plane.check("noise", extent, 1))
     }
 }
 

@@ -3,10 +3,12 @@
 use crate::denoiser::Report;
 use crate::engine::Engine;
 use crate::error::{Error, Result};
-use crate::frame::{Extent, Features, Layout, PlaneMut, Region};
-use crate::kernels::stats::EXPOSURE;
-use crate::memory::{INPUT_FLOATS, MemoryRequired, OUTPUT_FLOATS, input_bytes, output_bytes};
+use crate::frame::{Extent, Features, Layout, Noise, PlaneMut, Region};
+use crate::kernels::quiet::NoiseKind;
+use crate::kernels::stats::{EXPOSURE, STATS_FLOATS};
+use crate::memory::{MemoryRequired, OUTPUT_FLOATS, input_bytes, output_bytes};
 use crate::pass::{Binding, FrameOptions, Pass};
+use crate::plan::active::{ActiveTiles, Work};
 use crate::profile::{KernelRecord, Profiler};
 use crate::renderer::{BufferFrame, BufferPlane, SampleFormat};
 use crate::vk::memory::Buffer;
@@ -16,8 +18,8 @@ use gpu_allocator::MemoryLocation;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Which features a frame has: albedo, normal, depth.
-type Present = [bool; 3];
+/// Which planes a frame has beside its colour: albedo, normal, depth, and what it says of its noise.
+type Present = ([bool; 3], Option<NoiseKind>);
 
 /// A pass with its staging memory and its recording.
 pub(crate) struct HostPass {
@@ -26,10 +28,12 @@ pub(crate) struct HostPass {
     binding: Option<(Present, Binding)>,
     /// What the command buffer holds now; it is recorded again only when this changes.
     recorded: Option<(Present, FrameOptions, bool)>,
-    /// Share of the whole frame's work that it does.
-    work: f64,
+    /// The work of that.
+    work: Option<Work>,
+    /// Where the last run was active, if that differs.
+    active: Option<ActiveTiles>,
     /// The features that the arena holds what depends on.
-    kept: Option<Present>,
+    kept: Option<[bool; 3]>,
     /// Of one slot; made when profiling is first wanted.
     profiler: Option<Profiler>,
     /// What the last run measured.
@@ -51,7 +55,7 @@ impl HostPass {
         }
         let plan = engine.plan(extent)?;
         engine.check_memory(extent, MemoryRequired::of_plan(&plan).host())?;
-        let (input, output) = (input_bytes(extent.width, extent.height), output_bytes(extent.width, extent.height));
+        let (input, output) = (input_bytes(&plan), output_bytes(&plan));
         Ok(Self {
             pass: Pass::of_plan(engine, plan)?,
             input: Buffer::new(device, "input planes", input, MemoryLocation::CpuToGpu)?,
@@ -59,7 +63,8 @@ impl HostPass {
             submission: Submission::new(device)?,
             binding: None,
             recorded: None,
-            work: 0.0,
+            work: None,
+            active: None,
             kept: None,
             profiler: None,
             records: Vec::new(),
@@ -81,6 +86,11 @@ impl HostPass {
         pack(extent, &mut self.floats()[..3 * extent.pixels() as usize]);
     }
 
+    /// Where the last run was active; `None` where nothing is left out.
+    pub fn active(&self) -> Option<&ActiveTiles> {
+        self.active.as_ref()
+    }
+
     /// What the last run measured; empty where it was not profiled.
     pub fn records(&self) -> &[KernelRecord] {
         &self.records
@@ -95,32 +105,38 @@ impl HostPass {
         started: Instant,
     ) -> Result<Report> {
         let pixels = self.extent().pixels() as usize;
-        let present = if options.features_unchanged { self.kept_features()? } else { self.stage(features) };
+        let there = if options.features_unchanged { self.kept_features()? } else { self.stage(features) };
+        let present = (there, self.stage_noise(features));
         if self.recorded != Some((present, *options, profile)) {
             self.record(present, options, profile)?;
         }
         self.records.clear();
         self.kept = None;
         let gpu_ms = self.submission.run()?;
-        self.kept = Some(present);
+        self.kept = Some(there);
         if let Some(profiler) = self.profiler.as_ref().filter(|_| profile) {
             self.records = profiler.read(0)?.unwrap_or_default();
         }
-        let stats = &bytemuck::cast_slice::<u8, f32>(self.output.bytes())[OUTPUT_FLOATS as usize * pixels..];
+        let told = &self.output.bytes()[4 * OUTPUT_FLOATS as usize * pixels..];
+        let (stats, told) = told.split_at(4 * STATS_FLOATS as usize);
+        self.active = self.pass.active_tiles(bytemuck::cast_slice(told));
+        if let Some(active) = &self.active {
+            self.records.iter_mut().for_each(|record| record.count_active(active));
+        }
         Ok(Report {
-            exposure: stats.get(EXPOSURE).copied().unwrap_or(f32::NAN),
+            exposure: bytemuck::cast_slice(stats).get(EXPOSURE).copied().unwrap_or(f32::NAN),
             gpu_ms,
-            work: self.work,
+            work: self.work.as_ref().map_or(0.0, |work| self.pass.share(work, self.active.as_ref())),
             total_ms: started.elapsed().as_secs_f64() * 1e3,
             device_bytes: self.engine.device.memory_bytes(),
         })
     }
 
     /// Copies the features, and says which there are.
-    fn stage(&mut self, features: &Features) -> Present {
+    fn stage(&mut self, features: &Features) -> [bool; 3] {
         let extent = self.extent();
         let pixels = extent.pixels() as usize;
-        let Features { albedo, normal, depth } = features;
+        let Features { albedo, normal, depth, .. } = features;
         for (plane, first) in [(albedo, 3), (normal, 6)] {
             if let Some(plane) = plane {
                 plane.pack(extent, 3, &mut self.floats()[first * pixels..][..3 * pixels]);
@@ -132,7 +148,16 @@ impl HostPass {
         [albedo, normal, depth].map(Option::is_some)
     }
 
-    fn kept_features(&self) -> Result<Present> {
+    /// Copies what is known of the colour's noise, where that is asked for, and says what it is.
+    fn stage_noise(&mut self, features: &Features) -> Option<NoiseKind> {
+        let extent = self.extent();
+        let pixels = extent.pixels() as usize;
+        let noise = features.noise.filter(|_| self.pass.plan().quiet.is_some())?;
+        noise.plane.pack(extent, 1, &mut self.floats()[10 * pixels..][..pixels]);
+        Some(noise.kind)
+    }
+
+    fn kept_features(&self) -> Result<[bool; 3]> {
         self.kept.ok_or_else(|| Error::InvalidOption {
             option: "features_unchanged",
             reason: "no frame of this size was denoised before".into(),
@@ -150,7 +175,7 @@ impl HostPass {
         bytemuck::cast_slice_mut(self.input.bytes_mut())
     }
 
-    fn bind(&self, [albedo, normal, depth]: Present) -> Result<Binding> {
+    fn bind(&self, ([albedo, normal, depth], noise): Present) -> Result<Binding> {
         let extent = self.extent();
         let plane = |buffer: &Buffer, size, first: u64, channels| BufferPlane {
             buffer: buffer.raw(),
@@ -158,13 +183,14 @@ impl HostPass {
             format: SampleFormat::F32,
             layout: Layout { offset: (first * extent.pixels()) as usize, ..Layout::interleaved(extent, channels) },
         };
-        let input_bytes = extent.pixels() * INPUT_FLOATS * 4;
+        let input_bytes = input_bytes(self.pass.plan());
         let input = |first, channels| plane(&self.input, input_bytes, first, channels);
         let frame = BufferFrame {
             color: input(0, 3),
             albedo: albedo.then(|| input(3, 3)),
             normal: normal.then(|| input(6, 3)),
             depth: depth.then(|| input(9, 1)),
+            noise: noise.map(|kind| Noise { plane: input(10, 1), kind }),
             output: plane(&self.output, extent.pixels() * OUTPUT_FLOATS * 4, 0, 3),
         };
         // SAFETY: the buffers are our own and as described.
@@ -180,13 +206,15 @@ impl HostPass {
             _ => self.bind(present)?,
         };
         self.recorded = None;
-        self.work = self.pass.work(&bound, options)?;
-        let (stats, stats_offset, stats_bytes) = self.pass.location(self.pass.plan().stats);
-        let copy = [vk::BufferCopy {
-            src_offset: stats_offset,
-            dst_offset: self.extent().pixels() * OUTPUT_FLOATS * 4,
-            size: stats_bytes,
-        }];
+        self.work = Some(self.pass.work_of(&bound, options)?);
+        let mut dst_offset = self.extent().pixels() * OUTPUT_FLOATS * 4;
+        let copies = self.pass.plan().read_back().into_iter().map(|id| {
+            let (buffer, src_offset, size) = self.pass.location(id);
+            let copy = vk::BufferCopy { src_offset, dst_offset, size };
+            dst_offset += size;
+            (buffer, copy)
+        });
+        let copies: Vec<_> = copies.collect();
         let Self { submission, pass, output, engine, profiler, .. } = self;
         let profiled = profiler.as_ref().filter(|_| profile).map(|profiler| (profiler, 0));
         let device = &engine.device;
@@ -201,11 +229,13 @@ impl HostPass {
             // SAFETY: the command buffer is recording and ours; everything bound and copied lives in `self`, and
             // `Submission::run` waits.
             unsafe {
-                // The last run's copy of the statistics, before this run overwrites them.
+                // The last run's copies of what is read back, before this run overwrites them.
                 barrier(device, commands, transfer, compute);
                 pass.record_with(commands, &bound, options, profiled)?;
                 barrier(device, commands, compute, transfer);
-                device.raw().cmd_copy_buffer(commands, stats, output.raw(), &copy);
+                for (buffer, copy) in copies {
+                    device.raw().cmd_copy_buffer(commands, buffer, output.raw(), &[copy]);
+                }
                 barrier(device, commands, written, host);
             }
             Ok(())

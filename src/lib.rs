@@ -75,12 +75,15 @@ mod tune;
 pub mod vk;
 
 pub use cache::Cache;
-pub use denoiser::{Denoiser, Exposure, Options, Precision, Report};
+pub use denoiser::{Denoiser, Exposure, Options, Precision, Quiet, Report};
 pub use error::{Error, Result};
-pub use frame::{Extent, Features, Frame, Layout, Plane, PlaneMut, Region, Samples, SamplesMut};
+pub use frame::{Extent, Features, Frame, Layout, Noise, Plane, PlaneMut, Region, Samples, SamplesMut};
+pub use kernels::quiet::NoiseKind;
 pub use memory::MemoryRequired;
 pub use net::weights::Weights;
 pub use pass::{Binding, FrameOptions, Pass};
+pub use plan::active::{ActiveTiles, Part};
+pub use plan::quiet::{QuietMargins, QuietMode};
 pub use profile::{KernelRecord, Profiler};
 pub use quality::Quality;
 pub use renderer::{BufferFrame, BufferPlane, ImageFormat, ImageFrame, ImagePlane, SampleFormat};

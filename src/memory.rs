@@ -2,11 +2,11 @@
 
 use crate::error::{Error, Result};
 use crate::frame::Extent;
-use crate::kernels::stats::STATS_FLOATS;
 use crate::plan::Plan;
 
-/// Floats of a pixel in the host path's staging memory: colour, albedo, normal, depth, each plane by itself.
-pub(crate) const INPUT_FLOATS: u64 = 10;
+/// Floats of a pixel in the host path's staging memory: colour, albedo, normal, depth, each plane by itself; where quiet tiles
+/// are left out, one more for noise.
+const INPUT_FLOATS: u64 = 10;
 /// Floats of a pixel that come back.
 pub(crate) const OUTPUT_FLOATS: u64 = 3;
 
@@ -23,11 +23,10 @@ pub struct MemoryRequired {
 
 impl MemoryRequired {
     pub(crate) fn of_plan(plan: &Plan) -> Self {
-        let Extent { width, height } = plan.extent;
         Self {
             arena: plan.blocks.iter().sum(),
             weights: plan.weights_bytes,
-            staging: input_bytes(width, height) + output_bytes(width, height),
+            staging: input_bytes(plan) + output_bytes(plan),
         }
     }
 
@@ -42,13 +41,14 @@ impl MemoryRequired {
     }
 }
 
-pub(crate) fn input_bytes(width: u32, height: u32) -> u64 {
-    u64::from(width) * u64::from(height) * INPUT_FLOATS * 4
+pub(crate) fn input_bytes(plan: &Plan) -> u64 {
+    plan.extent.pixels() * (INPUT_FLOATS + u64::from(plan.quiet.is_some())) * 4
 }
 
-/// The denoised plane, then the frame's statistics.
-pub(crate) fn output_bytes(width: u32, height: u32) -> u64 {
-    u64::from(width) * u64::from(height) * OUTPUT_FLOATS * 4 + STATS_FLOATS * 4
+/// The denoised plane, then what is read back of the plan.
+pub(crate) fn output_bytes(plan: &Plan) -> u64 {
+    let read_back = plan.read_back().into_iter().map(|id| plan.buffer(id).bytes);
+    plan.extent.pixels() * OUTPUT_FLOATS * 4 + read_back.sum::<u64>()
 }
 
 /// Refuses a frame that takes more than the budget or than the device has.

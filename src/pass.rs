@@ -5,8 +5,10 @@ use crate::descriptors::{DescriptorSets, Resources};
 use crate::engine::Engine;
 use crate::error::{Error, Result};
 use crate::frame::{Extent, Region};
+use crate::kernels::quiet::NoiseKind;
 use crate::kernels::{Addresses, BufferId, FrameArgs, PlaneArgs, TexelRange, Variants};
 use crate::net::weights::ExposureRule;
+use crate::plan::active::{ActiveTiles, Work};
 use crate::plan::{self, Dispatch, Place, Plan, Present};
 use crate::profile::Profiler;
 use crate::record::Recording;
@@ -108,13 +110,32 @@ impl Pass {
         &self.plan
     }
 
-    /// The share of the FLOPs of a whole frame with all features that a recording does, from 0 to 1.
+    /// The share of the FLOPs of a whole frame with all features that a recording does, from 0 to 1; where quiet tiles are
+    /// left out, with these active tiles, or with all where there is no saying yet.
     ///
     /// # Errors
     /// [`Error::InvalidOption`] as [`Pass::record`].
-    pub fn work(&self, binding: &Binding, options: &FrameOptions) -> Result<f64> {
-        let flops = |dispatches: &[Dispatch]| dispatches.iter().map(|dispatch| dispatch.flops).sum::<u64>() as f64;
-        Ok(flops(&self.dispatches(binding, options)?) / flops(&self.plan.dispatches).max(1.0))
+    pub fn work(&self, binding: &Binding, options: &FrameOptions, active: Option<&ActiveTiles>) -> Result<f64> {
+        Ok(self.share(&self.work_of(binding, options)?, active))
+    }
+
+    pub(crate) fn work_of(&self, binding: &Binding, options: &FrameOptions) -> Result<Work> {
+        Ok(Work::of(&self.dispatches(binding, options)?))
+    }
+
+    pub(crate) fn share(&self, work: &Work, active: Option<&ActiveTiles>) -> f64 {
+        work.flops(active) / Work::of(&self.plan.dispatches).flops(None).max(1.0)
+    }
+
+    /// Where a recording tells which tiles it worked on ([`crate::Options::quiet`]): buffer, first byte, bytes. Written in
+    /// `COMPUTE_SHADER`; it can be copied from. [`Pass::active_tiles`] says what the copy means. `None` where nothing is left out.
+    pub fn activity_buffer(&self) -> Option<(vk::Buffer, u64, u64)> {
+        self.plan.quiet.as_ref().map(|quiet| self.location(quiet.buffer))
+    }
+
+    /// Which tiles a recording worked on, by a copy of [`Pass::activity_buffer`]; `None` where nothing is left out.
+    pub fn active_tiles(&self, copy: &[u32]) -> Option<ActiveTiles> {
+        self.plan.quiet.as_ref().map(|quiet| quiet.read(copy))
     }
 
     /// What runs of the plan.
@@ -127,7 +148,10 @@ impl Pass {
         }
         if let Some(region) = options.region {
             region.check(self.plan.extent)?;
-            self.plan.restrict_to(region, dispatches.to_mut());
+            match self.plan.quiet {
+                Some(_) => self.plan.quiet_outside(region, dispatches.to_mut()),
+                None => self.plan.restrict_to(region, dispatches.to_mut()),
+            }
         }
         if options.features_unchanged {
             if !self.plan.keeps_features {
@@ -161,6 +185,8 @@ impl Pass {
             albedo: resolve(frame.albedo.as_ref(), "albedo", 3)?,
             normal: resolve(frame.normal.as_ref(), "normal", 3)?,
             depth: resolve(frame.depth.as_ref(), "depth", 1)?,
+            noise: resolve(frame.noise.as_ref().map(|noise| &noise.plane), "noise", 1)?,
+            noise_kind: frame.noise.map_or(NoiseKind::default(), |noise| noise.kind),
             output,
             ..FrameArgs::default()
         };
@@ -189,6 +215,8 @@ impl Pass {
             albedo: args(frame.albedo.as_ref()),
             normal: args(frame.normal.as_ref()),
             depth: args(frame.depth.as_ref()),
+            noise: args(frame.noise.as_ref().map(|noise| &noise.plane)),
+            noise_kind: frame.noise.map_or(NoiseKind::default(), |noise| noise.kind),
             output: args(Some(&frame.output)),
             ..FrameArgs::default()
         };
@@ -297,8 +325,13 @@ impl Pass {
                         (Exposure::Auto, ExposureRule::None) => Some(1.0),
                     },
                     blend: options.blend,
+                    quiet_threshold: self.engine.quiet_threshold,
                     ..binding.planes
                 },
+            },
+            buffers: &|id| {
+                let (buffer, offset, _) = self.location(id);
+                (buffer, offset)
             },
             pipelines: &binding.pipelines,
             sets: &binding.sets,

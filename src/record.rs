@@ -1,7 +1,7 @@
 //! The executor: dispatches into a command buffer.
 
 use crate::descriptors::DescriptorSets;
-use crate::kernels::{Addresses, Variants};
+use crate::kernels::{Addresses, BufferId, Variants};
 use crate::plan::Dispatch;
 use crate::vk::device::Device;
 use crate::vk::pipeline::Pipeline;
@@ -15,6 +15,8 @@ pub(crate) struct Recording<'a> {
     pub device: &'a Device,
     pub variants: Variants,
     pub addresses: Addresses<'a>,
+    /// In which buffer one of the plan's lies, and from which byte on.
+    pub buffers: &'a dyn Fn(BufferId) -> (vk::Buffer, u64),
     /// One for each dispatch.
     pub pipelines: &'a [Arc<Pipeline>],
     /// Made for these dispatches.
@@ -37,6 +39,7 @@ impl Recording<'_> {
             // SAFETY: the caller vouches for `commands`.
             unsafe { timestamps.reset(commands, first, 2 * dispatches.len() as u32) };
         }
+        let indirect = dispatches.iter().any(|dispatch| dispatch.groups.is_some());
         let mut waits = true;
         for (i, (dispatch, pipeline)) in dispatches.iter().zip(self.pipelines).enumerate() {
             waits |= dispatch.barrier;
@@ -50,7 +53,7 @@ impl Recording<'_> {
             }
             if std::mem::take(&mut waits) {
                 // SAFETY: the caller vouches for `commands`.
-                unsafe { self.barrier(commands) };
+                unsafe { self.barrier(commands, indirect) };
             }
             let kernel = dispatch.call.kernel();
             let [x, y, z] = kernel.groups(self.variants);
@@ -69,7 +72,13 @@ impl Recording<'_> {
                 let stage = vk::ShaderStageFlags::COMPUTE;
                 device.cmd_push_constants(commands, pipeline.layout, stage, 0, push.as_slice());
                 self.timestamp(commands, 2 * i as u32);
-                device.cmd_dispatch(commands, x, y, z);
+                match dispatch.groups.and_then(|groups| Some((groups, groups.offset(&dispatch.call, self.variants)?))) {
+                    Some((groups, offset)) => {
+                        let (buffer, first) = (self.buffers)(groups.buffer);
+                        device.cmd_dispatch_indirect(commands, buffer, first + offset);
+                    }
+                    None => device.cmd_dispatch(commands, x, y, z),
+                }
                 self.timestamp(commands, 2 * i as u32 + 1);
             }
         }
@@ -84,14 +93,19 @@ impl Recording<'_> {
         }
     }
 
-    /// Compute waits for compute: what was written can be read, what was read can be overwritten.
+    /// Compute waits for compute: what was written can be read, what was read can be overwritten. With `indirect`, numbers of
+    /// workgroups too.
     ///
     /// # Safety
     /// As [`Recording::record`].
-    unsafe fn barrier(&self, commands: vk::CommandBuffer) {
-        let compute = vk::PipelineStageFlags::COMPUTE_SHADER;
-        let (read, write) = (vk::AccessFlags::SHADER_READ, vk::AccessFlags::SHADER_WRITE);
+    unsafe fn barrier(&self, commands: vk::CommandBuffer, indirect: bool) {
+        let mut stages = vk::PipelineStageFlags::COMPUTE_SHADER;
+        let (mut read, write) = (vk::AccessFlags::SHADER_READ, vk::AccessFlags::SHADER_WRITE);
+        if indirect {
+            stages |= vk::PipelineStageFlags::DRAW_INDIRECT;
+            read |= vk::AccessFlags::INDIRECT_COMMAND_READ;
+        }
         // SAFETY: the caller vouches for `commands`.
-        unsafe { submit::barrier(self.device, commands, (compute, write), (compute, read | write)) };
+        unsafe { submit::barrier(self.device, commands, (stages, write), (stages, read | write)) };
     }
 }

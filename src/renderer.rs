@@ -1,7 +1,7 @@
 //! What a renderer hands in: its buffers or its images.
 
 use crate::error::{Error, Result};
-use crate::frame::{Extent, Layout};
+use crate::frame::{Extent, Layout, Noise};
 use crate::kernels::PlaneArgs;
 use crate::vk::device::Device;
 use ash::vk;
@@ -24,7 +24,7 @@ impl SampleFormat {
     }
 }
 
-/// A plane in a `VkBuffer`: three channels (colour, albedo, normal, output) or one (depth).
+/// A plane in a `VkBuffer`: three channels (colour, albedo, normal, output) or one (depth, noise).
 #[derive(Clone, Copy, Debug)]
 pub struct BufferPlane {
     /// The buffer, created with `VK_BUFFER_USAGE_SHADER_DEVICE_ADDRESS_BIT` and `VK_BUFFER_USAGE_STORAGE_BUFFER_BIT`
@@ -49,6 +49,8 @@ pub struct BufferFrame {
     pub normal: Option<BufferPlane>,
     /// Depth.
     pub depth: Option<BufferPlane>,
+    /// The colour's noise ([`Features::noise`](crate::Features::noise)).
+    pub noise: Option<Noise<BufferPlane>>,
     /// Where the denoised colour goes.
     pub output: BufferPlane,
 }
@@ -60,7 +62,7 @@ pub enum ImageFormat {
     Rgba16F,
     /// `VK_FORMAT_R32G32B32A32_SFLOAT`: colour, albedo, normal, output.
     Rgba32F,
-    /// `VK_FORMAT_R32_SFLOAT`: depth.
+    /// `VK_FORMAT_R32_SFLOAT`: depth, noise.
     R32F,
 }
 
@@ -90,6 +92,8 @@ pub struct ImageFrame {
     pub normal: Option<ImagePlane>,
     /// Depth.
     pub depth: Option<ImagePlane>,
+    /// The colour's noise ([`Features::noise`](crate::Features::noise)).
+    pub noise: Option<Noise<ImagePlane>>,
     /// Where the denoised colour goes.
     pub output: ImagePlane,
 }
@@ -139,6 +143,7 @@ impl ImageFrame {
             ("albedo", self.albedo.as_ref(), rgba, sampled),
             ("normal", self.normal.as_ref(), rgba, sampled),
             ("depth", self.depth.as_ref(), &[ImageFormat::R32F], sampled),
+            ("noise", self.noise.as_ref().map(|noise| &noise.plane), &[ImageFormat::R32F], sampled),
             ("output", Some(&self.output), rgba, &[vk::ImageLayout::GENERAL]),
         ];
         for (name, plane, formats, layouts) in planes {

@@ -52,7 +52,8 @@ type Row = (ConvShape, ConvAlgorithm);
 fn measure(device: &Device, weights: &Weights, options: &Options, extent: Extent) -> Result<Vec<Row>> {
     let mut least: BTreeMap<ConvShape, [f64; FORMS.len()]> = BTreeMap::new();
     for (at, form) in FORMS.into_iter().enumerate() {
-        let options = Options { conv: Some(form), ..*options };
+        // An even frame is quiet.
+        let options = Options { conv: Some(form), quiet: None, ..*options };
         let mut denoiser = Denoiser::new(device, weights, &options)?;
         denoiser.set_profiling(true)?;
         // The first pass compiles.
@@ -80,7 +81,7 @@ fn run_once(denoiser: &mut Denoiser, extent: Extent) -> Result<BTreeMap<ConvShap
     let (input, mut output) = (vec![0.5; 3 * pixels], vec![0.0; 3 * pixels]);
     let plane = Plane::f32(&input, rgb);
     let depth = Plane::f32(&input[..pixels], one);
-    let features = Features { albedo: Some(plane), normal: Some(plane), depth: Some(depth) };
+    let features = Features { albedo: Some(plane), normal: Some(plane), depth: Some(depth), noise: None };
     denoiser.denoise(&Frame { extent, color: plane, features }, PlaneMut::f32(&mut output, rgb))?;
     let pass = denoiser.last_pass().ok_or_else(|| Error::Binding("nothing was denoised yet".into()))?;
     let plan = pass.plan();

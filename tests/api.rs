@@ -54,6 +54,7 @@ impl Scene {
             albedo: Some(Plane::f32(&self.albedo, self.rgb())),
             normal: Some(Plane::f32(&self.normal, self.rgb())),
             depth: Some(Plane::f32(&self.depth, Layout::interleaved(self.extent, 1))),
+            noise: None,
         };
         Frame { extent: self.extent, color: Plane::f32(&self.color, self.rgb()), features }
     }

@@ -173,6 +173,38 @@ fn a_region_is_the_whole_cropped() {
     assert_eq!([figure("psnr_noisy"), figure("psnr")], [of_crop(&crop(color(&noisy))), of_crop(&wanted)]);
 }
 
+/// Whatever has less noise than the threshold stays as it is, by the layers that say so or by the image.
+#[test]
+fn what_is_quiet_keeps_its_pixels() {
+    let d = Directory::new();
+    let noisy = d.exr("noisy.exr", &format!("{FEATURES} variance.Y"), 1.5);
+    let counts = d.exr("counts.exr", "samples", 0.0);
+    let (whole, out, png) = (d.path("whole.exr"), d.path("out.exr"), d.path("out.png"));
+    succeeded(&run(arguments![noisy, "-o", whole]));
+    let skipping = |more: &[&std::ffi::OsStr]| -> (Value, Vec<f32>) {
+        let ran = run(arguments![noisy, "-o", out, "--png", png, "--json"]
+            .iter()
+            .map(|a| a.as_os_str())
+            .chain(more.iter().copied()));
+        succeeded(&ran);
+        (serde_json::from_str(&ran.out).unwrap(), color(&out))
+    };
+    let os = std::ffi::OsStr::new;
+    let (json, kept) = skipping(&[os("--skip-below"), os("1000")]);
+    assert_eq!((&json["denoised"], &json["layers"]["variance"]), (&0.0.into(), &"variance.Y".into()), "{json}");
+    assert!(json["work"].as_f64().is_some_and(|work| work < 0.4) && !json["active"].as_array().unwrap().is_empty());
+    assert!(kept.iter().zip(color(&noisy)).all(|(a, b)| a.to_bits() == b.to_bits()));
+    let preview = image::open(&png).unwrap();
+    assert_eq!((preview.width(), preview.height()), (3 * 32, 24));
+
+    let from_file = [os("--variance"), os("none"), os("--samples"), counts.as_os_str(), os("--skip-mode"), os("exact")];
+    let (json, denoised) = skipping(&[&[os("--skip-below"), os("0.5")][..], &from_file].concat());
+    assert_eq!((&json["denoised"], &json["layers"]["variance"]), (&1.0.into(), &Value::Null), "{json}");
+    assert!(denoised.iter().zip(color(&whole)).all(|(a, b)| a.to_bits() == b.to_bits()));
+    let (json, _) = skipping(&[]);
+    assert_eq!((&json["denoised"], &json["layers"]["variance"]), (&Value::Null, &Value::Null), "{json}");
+}
+
 #[test]
 fn several_inputs_go_on_after_one_that_fails() {
     let d = Directory::new();
@@ -340,6 +372,8 @@ fn failures_name_what_is_wrong_before_a_device_is_opened() {
         (2, "Usage", arguments!["-o", out].to_vec()),
         (2, "number above 0", arguments![good, "-o", out, "--exposure", "0"].to_vec()),
         (2, "from 0 to 1", arguments![good, "-o", out, "--blend", "1.5"].to_vec()),
+        (2, "0 or above", arguments![good, "-o", out, "--skip-below", "-1"].to_vec()),
+        (2, "exact or approximate", arguments![good, "-o", out, "--skip-mode", "some"].to_vec()),
         (1, "region", arguments![good, "-o", out, "--region", "0,0,33,1"].to_vec()),
         (2, "X,Y,W,H", arguments![good, "-o", out, "--region", "0,0,8"].to_vec()),
         (2, "X,Y,W,H", arguments![good, "-o", out, "--region", "0,0,8,0"].to_vec()),

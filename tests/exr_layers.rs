@@ -356,6 +356,7 @@ fn features_from_their_own_files() {
         albedo: FeatureSource::File(albedo.clone()),
         normal: FeatureSource::File(normal),
         depth: FeatureSource::File(depth),
+        ..LayerOptions::default()
     };
     let frame = ExrFrame::read(&color, &options).unwrap();
     assert_eq!(found(&frame)[1], format!("R/G/B in {}", albedo.display()));

@@ -19,6 +19,7 @@ use vkdenoise::{
 const EXTENT: Extent = Extent::new(150, 100);
 
 const KEEPING: Options = Options {
+    quiet: None,
     precision: vkdenoise::Precision::Auto,
     exposure: vkdenoise::Exposure::Auto,
     blend: 0.0,
@@ -55,6 +56,7 @@ impl Picture {
             albedo: Some(Plane::f32(&other.albedo, rgb)),
             normal: Some(Plane::f32(&other.normal, rgb)),
             depth: Some(Plane::f32(&other.depth, Layout::interleaved(EXTENT, 1))),
+            noise: None,
         };
         Frame { extent: EXTENT, color: Plane::f32(&self.color, rgb), features }
     }
@@ -187,6 +189,7 @@ fn a_renderer_keeps_features() {
         albedo: Some(plane(&input, 3 * pixels, 3)),
         normal: Some(plane(&input, 6 * pixels, 3)),
         depth: Some(plane(&input, 9 * pixels, 1)),
+        noise: None,
         output: plane(&output, 0, 3),
     };
     // SAFETY: the buffers live to the end of the test.
@@ -199,7 +202,7 @@ fn a_renderer_keeps_features() {
         let all: Vec<f32> = planes.into_iter().flatten().copied().collect();
         input.write(bytemuck::cast_slice(&all));
         let options = FrameOptions { features_unchanged: i > 0, ..FrameOptions::default() };
-        let work = pass.work(&binding, &options).unwrap();
+        let work = pass.work(&binding, &options, None).unwrap();
         assert!(if i > 0 { (0.8..0.9).contains(&work) } else { work == 1.0 }, "{work}");
         let fence = renderer.submit(|commands| {
             // SAFETY: everything bound lives until the fence is waited for.
@@ -221,7 +224,7 @@ fn check_missing(weights: &Weights, extent: Extent, options: &Options) {
     let zeros = vec![0.0; color.len()];
     let (rgb, one) = (Layout::interleaved(extent, 3), Layout::interleaved(extent, 1));
     let zero = Some(Plane::f32(&zeros, rgb));
-    let all = Features { albedo: zero, normal: zero, depth: Some(Plane::f32(&zeros, one)) };
+    let all = Features { albedo: zero, normal: zero, depth: Some(Plane::f32(&zeros, one)), noise: None };
     let mut denoiser = Denoiser::new(device(), weights, options).unwrap();
     let mut run = |features: Features, region: Option<Region>| {
         denoiser.set_region(region);

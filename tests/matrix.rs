@@ -138,7 +138,7 @@ fn a_renderers_device_has_matrices_where_it_enabled_them() {
     buffer.write(bytemuck::cast_slice(&color));
     let rgb = Layout::interleaved(extent, 3);
     let plane = BufferPlane { buffer: buffer.raw, size: buffer.size, format: SampleFormat::F32, layout: rgb };
-    let frame = BufferFrame { color: plane, albedo: None, normal: None, depth: None, output: plane };
+    let frame = BufferFrame { color: plane, albedo: None, normal: None, depth: None, noise: None, output: plane };
     let pass = denoiser.pass(extent).unwrap();
     // SAFETY: the buffer lives to the end of the test.
     let binding = unsafe { pass.bind_buffers(&frame) }.unwrap();

@@ -116,7 +116,7 @@ fn a_renderers_frames_have_slots_of_their_own() {
         format: SampleFormat::F32,
         layout: Layout::interleaved(EXTENT, 3),
     };
-    let frame = BufferFrame { color: plane, albedo: None, normal: None, depth: None, output: plane };
+    let frame = BufferFrame { color: plane, albedo: None, normal: None, depth: None, noise: None, output: plane };
     // SAFETY: the buffer lives to the end of the test.
     let binding = unsafe { pass.bind_buffers(&frame) }.unwrap();
 

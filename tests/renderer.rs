@@ -47,6 +47,7 @@ fn on_host(picture: &Picture) -> Vec<f32> {
             albedo: Some(Plane::f32(&picture.albedo, rgb)),
             normal: Some(Plane::f32(&picture.normal, rgb)),
             depth: Some(Plane::f32(&picture.depth, Layout::interleaved(EXTENT, 1))),
+            noise: None,
         },
     };
     let mut output = vec![0.0; picture.color.len()];
@@ -85,6 +86,7 @@ fn two_frames_in_flight_in_the_renderers_buffers() {
             albedo: Some(plane(&input, 3 * pixels, 3)),
             normal: Some(plane(&input, 6 * pixels, 3)),
             depth: Some(plane(&input, 9 * pixels, 1)),
+            noise: None,
             output: plane(&output, 5, 3),
         };
         // SAFETY: the buffers live to the end of the test.
@@ -134,6 +136,7 @@ fn the_renderers_images() {
             albedo: Some(albedo.plane()),
             normal: Some(normal.plane()),
             depth: Some(depth.plane()),
+            noise: None,
             output: output.plane(),
         };
         // SAFETY: the images live to the end of the loop.
@@ -181,7 +184,14 @@ fn half_planes_in_buffers() {
         format: SampleFormat::F16,
         layout: rgba,
     };
-    let frame = BufferFrame { color: plane(&input), albedo: None, normal: None, depth: None, output: plane(&output) };
+    let frame = BufferFrame {
+        color: plane(&input),
+        albedo: None,
+        normal: None,
+        depth: None,
+        noise: None,
+        output: plane(&output),
+    };
     // SAFETY: the buffers live to the end of the test.
     let binding = unsafe { pass.bind_buffers(&frame) };
     if !renderer.storage16 {
@@ -222,7 +232,7 @@ fn what_does_not_fit_is_refused_before_recording() {
     let pass = denoiser.pass(EXTENT).unwrap();
     let buffer = renderer.buffer(12 * EXTENT.pixels());
     let good = plane(&buffer, 0, 3);
-    let frame = BufferFrame { color: good, albedo: None, normal: None, depth: None, output: good };
+    let frame = BufferFrame { color: good, albedo: None, normal: None, depth: None, noise: None, output: good };
     // SAFETY: the buffer lives to the end of the test; the same below.
     let bind = |frame: &BufferFrame| unsafe { pass.bind_buffers(frame) };
     assert!(bind(&frame).is_ok());
@@ -244,7 +254,14 @@ fn what_does_not_fit_is_refused_before_recording() {
     });
 
     let image = RendererImage::new(&renderer, EXTENT, ImageFormat::R32F, &vec![0.0; EXTENT.pixels() as usize], 1);
-    let images = ImageFrame { color: image.plane(), albedo: None, normal: None, depth: None, output: image.plane() };
+    let images = ImageFrame {
+        color: image.plane(),
+        albedo: None,
+        normal: None,
+        depth: None,
+        noise: None,
+        output: image.plane(),
+    };
     // SAFETY: the image lives to the end of the test.
     let bound = unsafe { pass.bind_images(&images) };
     assert!(matches!(bound, Err(Error::Binding(message)) if message.contains("R32F")));

@@ -269,7 +269,7 @@ fn tiles(rig: &mut Rig, extent: Extent, some: bool) -> Tiles {
         (0..down).flat_map(|y| (0..across).map(move |x| (x, y))).filter(|(x, y)| (x + y) % 3 == 1).collect();
     rig.bench.upload(TILE_LIST, &tile_bits(&list));
     rig.reference.set_tiles(TILE_LIST, &list);
-    Tiles::List { buffer: TILE_LIST, count: list.len() as u32 }
+    Tiles::List { buffer: TILE_LIST, at_most: list.len() as u32 }
 }
 
 #[test]
@@ -327,7 +327,16 @@ fn the_way_out() {
         } else {
             Region::all(extent)
         };
-        rig.run(&[Call::Output(Output { residual, log_color, stats: STATS, width, height, tiles, region })]);
+        rig.run(&[Call::Output(Output {
+            residual,
+            log_color,
+            stats: STATS,
+            width,
+            height,
+            tiles,
+            region,
+            quiet: None,
+        })]);
 
         let found = samples(&rig.bench.download(output, len), output_half);
         let expected = spread_output(&rig, extent, found.len());

@@ -11,6 +11,8 @@ mod pareto;
 mod pareto_command;
 #[path = "plotting.rs"]
 mod plotting;
+#[path = "bench/quiet_command.rs"]
+mod quiet_command;
 #[path = "bench/skip_command.rs"]
 mod skip_command;
 #[path = "bench/stress/mod.rs"]
@@ -71,6 +73,8 @@ enum Command {
     Stress(stress_command::StressArgs),
     /// Time what is left out: a region, unchanged features, none; in turn with the whole. One JSON object a case.
     Skip(skip_command::SkipArgs),
+    /// Leave out what is quiet of an EXR file, by several rules in turn with all of it: time, and what that does to the picture.
+    Quiet(quiet_command::QuietArgs),
     /// Print the device memory that a size takes, from the plan. Nothing is allocated for it.
     Memory {
         /// Frame size.
@@ -130,6 +134,7 @@ fn main() -> ExitCode {
         Command::Pareto(args) => pareto_command::run(&args),
         Command::Stress(args) => stress_command::run(&args),
         Command::Skip(args) => skip_command::run(&args),
+        Command::Quiet(args) => quiet_command::run(&args),
         Command::Memory { size, device, forms } => memory(&device, size, &forms.options()).map_err(Into::into),
     };
     match outcome {
@@ -171,6 +176,7 @@ fn pass(mut denoiser: Denoiser, extent: Extent, (warm_up, repeat): (u32, u32), o
             albedo: Some(Plane::f32(&albedo, rgb)),
             normal: Some(Plane::f32(&normal, rgb)),
             depth: Some(Plane::f32(&depth, Layout::interleaved(extent, 1))),
+            noise: None,
         },
     };
     let mut run = |print: bool| -> Result<(), Error> {

@@ -56,10 +56,24 @@ fn main() -> ExitCode {
 
 fn run(command: Command) -> Result<(), Failure> {
     match command {
-        Command::Network { arch, size, folds, conv, separable, precision, region, features, common, output } => {
+        Command::Network {
+            arch,
+            size,
+            folds,
+            conv,
+            separable,
+            precision,
+            region,
+            quiet,
+            quiet_mode,
+            features,
+            common,
+            output,
+        } => {
             let (conv, separable) = (conv.map(Into::into), separable.map(Into::into));
             let options = Options { precision, folds: Some(folds), conv, separable, ..Options::default() };
-            let subject = network::Subject { extent: size, options, region, features };
+            let quiet = quiet.map(|share| (share, quiet_mode));
+            let subject = network::Subject { extent: size, options, region, quiet, features };
             network::network(&Session::open(&common)?, &arch, &subject, &output)
         }
         Command::Conv { size, channels, common, output } => {

@@ -1,14 +1,19 @@
 // Work is cut into tiles of 8x8 tokens, the attention window: one size for every kernel of a resolution, so that one
-// list of active tiles serves them all. Entry: x | y << 16, in tiles. Without a list the tiles are those of a rectangle,
+// list of active tiles serves them all: its length, then for each tile x | y << 16, in tiles. Without a list the tiles are those of a rectangle,
 // whose columns are the upper half of the flags; it begins at any half tile, x | y << 16.
 layout(buffer_reference, std430, buffer_reference_align = 4) readonly buffer TileList { uint v[]; };
 
 const uint FLAG_TILE_LIST = 1u;
 
+// How many tiles there are, of which the host knows `count`: with a list, its capacity.
+uint tiles_of(uint count, uint flags, TileList list) {
+    return (flags & FLAG_TILE_LIST) != 0u ? list.v[0] : count;
+}
+
 // The first token of a tile.
 uvec2 tile_origin(uint slot, uint first, uint flags, TileList list) {
     if ((flags & FLAG_TILE_LIST) != 0u) {
-        uint packed_tile = list.v[slot];
+        uint packed_tile = list.v[1u + slot];
         return uvec2(packed_tile & 0xffffu, packed_tile >> 16) * 8u;
     }
     uint columns = flags >> 16;

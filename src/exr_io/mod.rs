@@ -19,6 +19,9 @@
 //! * **Depth**: Denoising Depth, denoise_depth, depth, Z, ZDepth, VRayZDepth, dd, distance, camera depth, linear depth,
 //!   t; any layer with the one channel T (Mitsuba). As a layer (`Depth.Z`) or as a channel (`Z`).
 //!
+//! * **Variance** of a pixel's luminance, and **samples** of a pixel, for leaving out what has converged: variance, color
+//!   variance, noise variance, luminance variance; sample count(s), samples, samples per pixel, spp, num samples.
+//!
 //! Features come from the colour's own view layer (`ViewLayer.` before the name) or from layers without one. Positions
 //! are not taken for depth: a file does not say whose space they are in. Blender's Composite is passed over where there
 //! is a view layer, and two view layers are an error that asks for a name.
@@ -39,7 +42,8 @@ pub use codec::MAX_PIXELS;
 pub use error::ExrError;
 pub use replace::replace_file;
 
-use crate::frame::{Extent, Features, Frame, Layout, Plane, Region, widen_half_depths};
+use crate::frame::{Extent, Features, Frame, Layout, Noise, Plane, Region, widen_half_depths};
+use crate::kernels::quiet::NoiseKind;
 use container::Container;
 use exr::meta::attribute::SampleType;
 use layers::Layer;
@@ -53,6 +57,15 @@ enum Role {
     Albedo,
     Normal,
     Depth,
+    Variance,
+    Samples,
+}
+
+impl Role {
+    /// Whether its plane has one channel.
+    fn is_scalar(self) -> bool {
+        matches!(self, Self::Depth | Self::Variance | Self::Samples)
+    }
 }
 
 impl fmt::Display for Role {
@@ -61,6 +74,8 @@ impl fmt::Display for Role {
             Self::Albedo => "albedo",
             Self::Normal => "normal",
             Self::Depth => "depth",
+            Self::Variance => "variance",
+            Self::Samples => "samples",
         })
     }
 }
@@ -89,13 +104,17 @@ pub struct LayerOptions {
     pub normal: FeatureSource,
     /// Where the depth comes from.
     pub depth: FeatureSource,
+    /// Where the variance comes from.
+    pub variance: FeatureSource,
+    /// Where the sample counts come from. Where there is a variance, that counts.
+    pub samples: FeatureSource,
 }
 
 impl LayerOptions {
     /// Colour alone, without features.
     pub fn color_only(layer: Option<String>) -> Self {
         use FeatureSource::Unused;
-        Self { layer, albedo: Unused, normal: Unused, depth: Unused }
+        Self { layer, albedo: Unused, normal: Unused, depth: Unused, variance: Unused, samples: Unused }
     }
 }
 
@@ -136,14 +155,18 @@ pub struct Selection {
     pub normal: Option<UsedLayer>,
     /// Depth, if there is one.
     pub depth: Option<UsedLayer>,
+    /// Variance, if there is one.
+    pub variance: Option<UsedLayer>,
+    /// Sample counts, if there are.
+    pub samples: Option<UsedLayer>,
     /// What the user should know: layers that were there but could not be used, and why.
     pub notes: Vec<String>,
 }
 
 /// An OpenEXR file that was read for denoising.
 ///
-/// Holds the file's compressed bytes and the selected planes as f32: 12 bytes a pixel of colour, and up to 28 of
-/// features.
+/// Holds the file's compressed bytes and the selected planes as f32: 12 bytes a pixel of colour, and up to 36 of
+/// the rest.
 pub struct ExrFrame {
     container: Container,
     pick: Pick,
@@ -153,6 +176,8 @@ pub struct ExrFrame {
     albedo: Option<Vec<f32>>,
     normal: Option<Vec<f32>>,
     depth: Option<Vec<f32>>,
+    variance: Option<Vec<f32>>,
+    samples: Option<Vec<f32>>,
 }
 
 impl ExrFrame {
@@ -178,6 +203,8 @@ impl ExrFrame {
                 albedo: None,
                 normal: None,
                 depth: None,
+                variance: None,
+                samples: None,
                 notes: Vec::new(),
             },
             extent: Extent::new(size.x() as u32, size.y() as u32),
@@ -187,6 +214,8 @@ impl ExrFrame {
             albedo: None,
             normal: None,
             depth: None,
+            variance: None,
+            samples: None,
         };
         frame.read_own_layers(&layers, options)?;
         for (role, source) in options.features() {
@@ -264,6 +293,8 @@ impl ExrFrame {
             Role::Albedo => &mut self.albedo,
             Role::Normal => &mut self.normal,
             Role::Depth => &mut self.depth,
+            Role::Variance => &mut self.variance,
+            Role::Samples => &mut self.samples,
         }
     }
 
@@ -272,6 +303,8 @@ impl ExrFrame {
             Role::Albedo => &mut self.selection.albedo,
             Role::Normal => &mut self.selection.normal,
             Role::Depth => &mut self.selection.depth,
+            Role::Variance => &mut self.selection.variance,
+            Role::Samples => &mut self.selection.samples,
         }
     }
 
@@ -294,6 +327,10 @@ impl ExrFrame {
     pub fn frame(&self) -> Frame<'_> {
         let three = Layout::interleaved(self.extent, 3);
         let one = Layout::interleaved(self.extent, 1);
+        let (plane, kind) = match &self.variance {
+            Some(variance) => (Some(variance), NoiseKind::Variance),
+            None => (self.samples.as_ref(), NoiseKind::Samples),
+        };
         Frame {
             extent: self.extent,
             color: Plane::f32(&self.color, three),
@@ -301,6 +338,7 @@ impl ExrFrame {
                 albedo: self.albedo.as_deref().map(|s| Plane::f32(s, three)),
                 normal: self.normal.as_deref().map(|s| Plane::f32(s, three)),
                 depth: self.depth.as_deref().map(|s| Plane::f32(s, one)),
+                noise: plane.map(|samples| Noise { plane: Plane::f32(samples, one), kind }),
             },
         }
     }
@@ -358,8 +396,14 @@ impl ExrFrame {
 }
 
 impl LayerOptions {
-    fn features(&self) -> [(Role, &FeatureSource); 3] {
-        [(Role::Albedo, &self.albedo), (Role::Normal, &self.normal), (Role::Depth, &self.depth)]
+    fn features(&self) -> [(Role, &FeatureSource); 5] {
+        [
+            (Role::Albedo, &self.albedo),
+            (Role::Normal, &self.normal),
+            (Role::Depth, &self.depth),
+            (Role::Variance, &self.variance),
+            (Role::Samples, &self.samples),
+        ]
     }
 }
 

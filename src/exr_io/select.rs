@@ -82,10 +82,17 @@ const DEPTH: &[&str] = &[
     "t",
 ];
 
+const VARIANCE: &[&str] = &["variance", "colorvariance", "colourvariance", "noisevariance", "luminancevariance"];
+
+const SAMPLES: &[&str] = &["samplecount", "samples", "samplecounts", "samplesperpixel", "spp", "numsamples"];
+
 /// The channel of a depth layer, where it has several.
 const DEPTH_CHANNELS: &[&str] = &["Z", "V", "T", "Y", "D", "R", "X"];
 
-/// The channels chosen for a role: three, or one for depth. Grey colour has the same channel three times.
+/// The same of other planes of one channel; of three colours, green is most of the luminance.
+const SCALAR_CHANNELS: &[&str] = &["Y", "V", "Z", "X", "G", "R"];
+
+/// The channels chosen for a role: three, or one for depth, variance and samples. Grey colour has the same channel three times.
 #[derive(Clone)]
 pub(super) struct Pick {
     pub part: usize,
@@ -98,7 +105,7 @@ fn place(table: &[&str], kind: &str) -> Option<usize> {
 }
 
 fn is_feature(kind: &str) -> bool {
-    place(ALBEDO, kind).is_some() || place(NORMAL, kind).is_some() || place(DEPTH, kind).is_some()
+    [ALBEDO, NORMAL, DEPTH, VARIANCE, SAMPLES].into_iter().any(|table| place(table, kind).is_some())
 }
 
 fn color_channels(layer: &Layer) -> Option<Vec<usize>> {
@@ -205,7 +212,12 @@ fn vector_candidate(role: Role, layer: &Layer) -> Option<Candidate> {
     })
 }
 
-fn depth_candidates(layer: &Layer) -> Vec<Candidate> {
+fn scalar_candidates(role: Role, layer: &Layer) -> Vec<Candidate> {
+    let table = match role {
+        Role::Variance => VARIANCE,
+        Role::Samples => SAMPLES,
+        _ => DEPTH,
+    };
     let candidate = |place: usize, group: &str, channel: usize| Candidate {
         place,
         group: group.into(),
@@ -213,11 +225,12 @@ fn depth_candidates(layer: &Layer) -> Vec<Candidate> {
         channels: vec![channel],
     };
     let kind = layer.kind();
-    if let Some(at) = place(DEPTH, &kind) {
-        return depth_channel(layer).map(|c| candidate(at, layer.group(), c)).into_iter().collect();
+    if let Some(at) = place(table, &kind) {
+        return scalar_channel(role, layer).map(|c| candidate(at, layer.group(), c)).into_iter().collect();
     }
     // The T of Mitsuba's depth, whose layer has any name.
     if let [(name, channel)] = layer.channels.as_slice()
+        && role == Role::Depth
         && name == "T"
         && !layer.bare
     {
@@ -228,18 +241,19 @@ fn depth_candidates(layer: &Layer) -> Vec<Candidate> {
     }
     // A channel named for itself: plain Z, or ViewLayer.Depth without a component.
     let group = if layer.bare || color_rank(layer).is_some() { layer.group() } else { layer.path.as_str() };
-    let named = layer.channels.iter().filter_map(|(name, c)| Some((place(DEPTH, &simplify(name))?, *c)));
+    let named = layer.channels.iter().filter_map(|(name, c)| Some((place(table, &simplify(name))?, *c)));
     named.map(|(at, c)| candidate(at, group, c)).collect()
 }
 
-fn depth_channel(layer: &Layer) -> Option<usize> {
-    let by_name = DEPTH_CHANNELS.iter().find_map(|name| layer.channel(name));
+fn scalar_channel(role: Role, layer: &Layer) -> Option<usize> {
+    let names = if role == Role::Depth { DEPTH_CHANNELS } else { SCALAR_CHANNELS };
+    let by_name = names.iter().find_map(|name| layer.channel(name));
     by_name.or_else(|| layer.channels.first().map(|&(_, index)| index))
 }
 
 fn candidates(role: Role, layers: &[Layer]) -> Vec<Candidate> {
     match role {
-        Role::Depth => layers.iter().flat_map(depth_candidates).collect(),
+        _ if role.is_scalar() => layers.iter().flat_map(|layer| scalar_candidates(role, layer)).collect(),
         _ => layers.iter().filter_map(|layer| vector_candidate(role, layer)).collect(),
     }
 }
@@ -265,11 +279,11 @@ pub(super) fn pick_from_own_file(role: Role, container: &Container, layers: &[La
     if let Some(best) = candidates(role, layers).into_iter().min_by_key(|c| c.place) {
         return Ok(Pick { part: best.part, group: best.group, channels: best.channels });
     }
-    let wanted = if role == Role::Depth { 1 } else { 3 };
+    let wanted = if role.is_scalar() { 1 } else { 3 };
     let mut pick = usual_color(container, layers)?;
     if pick.is_none() {
         let channels = |layer: &Layer| match role {
-            Role::Depth => depth_channel(layer).map(|c| vec![c]),
+            _ if role.is_scalar() => scalar_channel(role, layer).map(|c| vec![c]),
             _ => layer.rgb().or_else(|| layer.xyz()),
         };
         let mut fits = layers.iter().filter_map(|l| Some((l, channels(l)?)));

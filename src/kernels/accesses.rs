@@ -39,6 +39,15 @@ impl Accesses {
         self.shared_loads + self.shared_stores
     }
 
+    /// A share of them.
+    pub(crate) fn part(self, share: f64) -> Self {
+        let part = |all: u64| (all as f64 * share).round() as u64;
+        let Self { global_loads, global_stores, shared_loads, shared_stores } = self;
+        let [global_loads, global_stores] = [global_loads, global_stores].map(part);
+        let [shared_loads, shared_stores] = [shared_loads, shared_stores].map(part);
+        Self { global_loads, global_stores, shared_loads, shared_stores }
+    }
+
     fn each(invocations: u64, global_loads: u64, global_stores: u64) -> Self {
         Self { global_loads: invocations * global_loads, global_stores: invocations * global_stores, ..Self::default() }
     }
@@ -46,7 +55,7 @@ impl Accesses {
 
 impl Call {
     /// What the invocations ask of memory; `None` for the kernels over the caller's planes and their statistics, for which
-    /// it depends on the frame.
+    /// it depends on the frame, and for what makes lists of active tiles.
     pub fn accesses(&self, variants: Variants) -> Option<Accesses> {
         let contract = self.kernel().contract(variants);
         Some(match self {
@@ -70,7 +79,11 @@ impl Call {
             | Self::StatsKey(_)
             | Self::InputColor(_)
             | Self::InputAux(_)
-            | Self::Output(_) => return None,
+            | Self::Output(_)
+            | Self::TileNoise(_)
+            | Self::QuietMap(_)
+            | Self::TileList(_)
+            | Self::Fill(_) => return None,
         })
     }
 }

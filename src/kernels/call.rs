@@ -1,7 +1,8 @@
 //! A kernel with its arguments, whichever it is.
 
 use super::{
-    Kernel, Tiles, View, dense, expand, film, frame_io, maps, separable, stats, unembed, window_attention, winograd,
+    Kernel, Tiles, View, dense, expand, film, frame_io, maps, quiet, separable, stats, unembed, window_attention,
+    winograd,
 };
 
 /// One kernel with its arguments.
@@ -45,6 +46,14 @@ pub enum Call {
     InputAux(frame_io::InputAux),
     /// Output.
     Output(frame_io::Output),
+    /// Noise of the map's squares.
+    TileNoise(quiet::TileNoise),
+    /// Map of what is to be denoised.
+    QuietMap(quiet::QuietMap),
+    /// List of active tiles.
+    TileList(quiet::TileList),
+    /// Zeros beside active tiles.
+    Fill(quiet::Fill),
 }
 
 impl Call {
@@ -68,6 +77,10 @@ impl Call {
             Self::InputColor(k) => of(&k.tiles, &k.dst),
             Self::InputAux(k) => of(&k.tiles, &k.dst),
             Self::Output(k) => Some((k.tiles, k.width, k.height)),
+            Self::Fill(k) => {
+                let (width, height) = k.size();
+                Some((k.tiles, width, height))
+            }
             _ => None,
         }
     }
@@ -87,6 +100,7 @@ impl Call {
             Self::InputColor(k) => &mut k.tiles,
             Self::InputAux(k) => &mut k.tiles,
             Self::Output(k) => &mut k.tiles,
+            Self::Fill(k) => &mut k.tiles,
             _ => return None,
         })
     }
@@ -105,6 +119,19 @@ impl Call {
             Self::WindowAttention(k) => Some(&k.dst),
             Self::InputColor(k) => Some(&k.dst),
             Self::InputAux(k) => Some(&k.dst),
+            Self::Fill(k) => Some(&k.dst),
+            _ => None,
+        }
+    }
+
+    /// The map of which it reads tokens around its own; `None` for kernels that read none.
+    pub fn reads_around(&self) -> Option<&View> {
+        match self {
+            Self::Conv3x3(k) => Some(&k.src),
+            Self::Winograd3x3(k) => Some(&k.conv.src),
+            Self::Separable3x3(k) => Some(&k.depthwise.src),
+            Self::Depthwise3x3(k) => Some(&k.src),
+            Self::Unembed(k) => Some(&k.src),
             _ => None,
         }
     }
@@ -131,6 +158,10 @@ impl Call {
             Self::InputColor(k) => k,
             Self::InputAux(k) => k,
             Self::Output(k) => k,
+            Self::TileNoise(k) => k,
+            Self::QuietMap(k) => k,
+            Self::TileList(k) => k,
+            Self::Fill(k) => k,
         }
     }
 }

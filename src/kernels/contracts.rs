@@ -156,10 +156,47 @@ push_constants! {
 push_constants! {
     /// The network's residual to the denoised colour.
     OutputPush {
-        residual: Address, log_color: Address, stats: Address, dst: Address, tiles: Address,
+        residual: Address, log_color: Address, stats: Address, dst: Address, tiles: Address, color: Address, map: Address,
         dst_offset: U32, dst_pixel: U32, dst_row: U32, dst_channel: U32,
+        color_offset: U32, color_pixel: U32, color_row: U32, color_channel: U32,
         left: U32, top: U32, right: U32, bottom: U32, src_width: U32, residual_stride: U32,
         first_tile: U32, tile_count: U32, flags: U32, blend: F32,
+    }
+}
+
+push_constants! {
+    /// Relative noise of every square of the map.
+    TileNoisePush {
+        color: Address, depth: Address, noise: Address, stats: Address, dst: Address,
+        color_offset: U32, color_pixel: U32, color_row: U32, color_channel: U32,
+        depth_offset: U32, depth_pixel: U32, depth_row: U32,
+        noise_offset: U32, noise_pixel: U32, noise_row: U32,
+        width: U32, height: U32, columns: U32, tile_count: U32, flags: U32, unused: U32,
+    }
+}
+
+push_constants! {
+    /// The map of what is to be denoised, and its sums.
+    QuietMapPush {
+        src: Address, map: Address, sums: Address,
+        columns: U32, rows: U32, left: U32, top: U32, right: U32, bottom: U32, threshold: F32, spread: U32,
+    }
+}
+
+push_constants! {
+    /// The list of active tiles, that of others that are read, and their workgroups.
+    TileListPush {
+        sums: Address, list: Address, idle: Address, groups: Address, counts: Address,
+        reach_0: U32, reach_1: U32, reach_2: U32, reach_3: U32, reach_4: U32, reach_5: U32, reach_6: U32, reach_7: U32,
+        map_columns: U32, map_rows: U32, columns: U32, rows: U32, tile_pixels: U32, max_y: U32, slot: U32, unused: U32,
+    }
+}
+
+push_constants! {
+    /// Zeros.
+    FillPush {
+        dst: Address, tiles: Address,
+        width: U32, dst_stride: U32, channels: U32, side: U32, tile_count: U32, flags: U32, first_tile: U32, unused: U32,
     }
 }
 
@@ -177,6 +214,11 @@ const COLOR_IMAGE: &[Binding] = &[Binding { name: "color_image", ty: BindingType
 const COLOR_DEPTH_IMAGES: &[Binding] = &[
     Binding { name: "color_image", ty: BindingType::SampledImage },
     Binding { name: "depth_image", ty: BindingType::SampledImage },
+];
+const NOISE_IMAGES: &[Binding] = &[
+    Binding { name: "color_image", ty: BindingType::SampledImage },
+    Binding { name: "depth_image", ty: BindingType::SampledImage },
+    Binding { name: "noise_image", ty: BindingType::SampledImage },
 ];
 const AUX_IMAGES: &[Binding] = &[
     Binding { name: "albedo_image", ty: BindingType::SampledImage },
@@ -284,6 +326,12 @@ contracts! {
         /// The same for CPU drivers.
         CONV3X3_S2_CPU = "conv3x3_s2_cpu" "conv3x3.comp" Conv3x3Push
             { "STRIDE": "2", "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_SHARED": "1", "TEXELS": "1", "TAP_BY_TAP": "1" } CONV_TEXELS, CPU, CPU_HALVES;
+        /// Convolution, stride 1, to at most 16 channels.
+        CONV3X3_N16 = "conv3x3_n16" "conv3x3.comp" Conv3x3Push
+            { "STRIDE": "1", "TX": "2", "TY": "2", "NV": "4", "PACKED_NV": "8" } &[], &[], HALVES;
+        /// The same for CPU drivers.
+        CONV3X3_N16_CPU = "conv3x3_n16_cpu" "conv3x3.comp" Conv3x3Push
+            { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "4", "PACKED_NV": "8", "WEIGHTS_SHARED": "1", "TEXELS": "1", "TAP_BY_TAP": "1" } CONV_TEXELS, CPU, CPU_HALVES;
         /// Convolution to at most 4 channels.
         CONV3X3_N4 = "conv3x3_n4" "conv3x3.comp" Conv3x3Push
             { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "1" } &[], &[], HALVES;
@@ -328,6 +376,8 @@ contracts! {
         EXPAND = "expand" "expand.comp" ExpandPush {} &[], &[], HALVES;
         /// The same for CPU drivers.
         EXPAND_CPU = "expand_cpu" "expand.comp" ExpandPush { "TEXELS": "1" } SRC_ONLY_TEXELS, CPU, CPU_HALVES;
+        /// Zeros.
+        FILL = "fill" "fill.comp" FillPush {} &[], &[], HALVES;
         /// Partial sums of tokens.
         TOKEN_SUM = "token_sum" "token_sum.comp" TokenSumPush {} &[], &[], HALVES;
         /// Features' input.
@@ -372,6 +422,14 @@ contracts! {
         STATS_TILES_IMAGE = "stats_tiles_image" "stats_tiles.comp" StatsTilesPush { "IMAGES": "1" } COLOR_IMAGE, &[];
         /// Key and exposure.
         STATS_KEY = "stats_key" "stats_key.comp" StatsKeyPush {} &[], &[];
+        /// Noise of the map's squares.
+        TILE_NOISE = "tile_noise" "tile_noise.comp" TileNoisePush {} &[], &[];
+        /// The same from images.
+        TILE_NOISE_IMAGE = "tile_noise_image" "tile_noise.comp" TileNoisePush { "IMAGES": "1" } NOISE_IMAGES, &[];
+        /// Map of what is to be denoised.
+        QUIET_MAP = "quiet_map" "quiet_map.comp" QuietMapPush {} &[], &[];
+        /// Lists of active tiles.
+        TILE_LIST = "tile_list" "tile_list.comp" TileListPush {} &[], &[];
         /// Colour input.
         INPUT_COLOR = "input_color" "input_color.comp" InputColorPush {} &[], &[];
         /// Colour input from an image.

@@ -12,6 +12,9 @@ pub const TILE_CHANNELS: u32 = 32;
 /// The same for convolutions to at most this many channels.
 pub const NARROW_CHANNELS: u32 = 4;
 
+/// Half a tile's channels: convolutions of stride 1 to no more compute that half alone.
+pub const SMALL_CHANNELS: u32 = 16;
+
 /// Output channels that a convolution to `channels` computes per workgroup.
 pub fn conv_tile_channels(channels: u32) -> u32 {
     if channels <= NARROW_CHANNELS { NARROW_CHANNELS } else { TILE_CHANNELS }
@@ -53,12 +56,16 @@ impl Conv3x3 {
 /// Workgroups for tiles and channels. A workgroup has 64 invocations of so many tokens each as the variant defines, or
 /// subgroups of one tile each.
 pub(super) fn dense_groups(tiles: u32, channels: u32, tile_channels: u32, contract: &Contract) -> [u32; 3] {
-    let tiles_per_group = if contract.needs_matrix() {
+    groups(tiles.div_ceil(tiles_a_group(contract)), channels.div_ceil(tile_channels))
+}
+
+/// Tiles of a workgroup.
+pub(super) fn tiles_a_group(contract: &Contract) -> u32 {
+    if contract.needs_matrix() {
         contracts::MATRIX_SUBGROUPS
     } else {
         (contract.define("TX") * contract.define("TY")) as u32
-    };
-    groups(tiles.div_ceil(tiles_per_group), channels.div_ceil(tile_channels))
+    }
 }
 
 impl Kernel for Conv3x3 {
@@ -66,18 +73,25 @@ impl Kernel for Conv3x3 {
         if let Some(contract) = matrix_contract(self, variants) {
             return contract;
         }
-        let narrow = conv_tile_channels(self.channels) == NARROW_CHANNELS;
         // Texels are of any type.
         let of = |f32, f16| by_storage(self.dst.storage, f32, f16);
-        match (narrow, self.stride, variants.for_texels(&self.texels()).cpu) {
-            (true, _, true) => of(&contracts::CONV3X3_N4_CPU, &halves::CONV3X3_N4_CPU),
-            (false, 2, true) => of(&contracts::CONV3X3_S2_CPU, &halves::CONV3X3_S2_CPU),
-            (false, _, true) => of(&contracts::CONV3X3_CPU, &halves::CONV3X3_CPU),
-            (true, _, false) if self.src.storage == self.dst.storage => of(&contracts::CONV3X3_N4, &halves::CONV3X3_N4),
-            (true, _, false) => &contracts::CONV3X3_N4_FROM_F16,
-            (false, 2, false) => of(&contracts::CONV3X3_S2, &halves::CONV3X3_S2),
-            (false, _, false) if self.src.storage == self.dst.storage => of(&contracts::CONV3X3, &halves::CONV3X3),
-            (false, _, false) => &contracts::CONV3X3_TO_F16,
+        let (alike, cpu) = (self.src.storage == self.dst.storage, variants.for_texels(&self.texels()).cpu);
+        if conv_tile_channels(self.channels) == NARROW_CHANNELS {
+            return match (cpu, alike) {
+                (true, _) => of(&contracts::CONV3X3_N4_CPU, &halves::CONV3X3_N4_CPU),
+                (false, true) => of(&contracts::CONV3X3_N4, &halves::CONV3X3_N4),
+                (false, false) => &contracts::CONV3X3_N4_FROM_F16,
+            };
+        }
+        let small = self.channels <= SMALL_CHANNELS && alike;
+        match (self.stride, cpu) {
+            (2, true) => of(&contracts::CONV3X3_S2_CPU, &halves::CONV3X3_S2_CPU),
+            (2, false) => of(&contracts::CONV3X3_S2, &halves::CONV3X3_S2),
+            (_, true) if small => of(&contracts::CONV3X3_N16_CPU, &halves::CONV3X3_N16_CPU),
+            (_, true) => of(&contracts::CONV3X3_CPU, &halves::CONV3X3_CPU),
+            (_, false) if small => of(&contracts::CONV3X3_N16, &halves::CONV3X3_N16),
+            (_, false) if alike => of(&contracts::CONV3X3, &halves::CONV3X3),
+            (_, false) => &contracts::CONV3X3_TO_F16,
         }
     }
 
@@ -85,6 +99,10 @@ impl Kernel for Conv3x3 {
         let (width, height) = self.result_size();
         let tile_channels = conv_tile_channels(self.channels);
         dense_groups(self.tiles.count(width, height), self.channels, tile_channels, self.contract(variants))
+    }
+
+    fn tiles_a_group(&self, variants: Variants) -> u32 {
+        tiles_a_group(self.contract(variants))
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {
@@ -200,6 +218,10 @@ impl Kernel for Linear {
     fn groups(&self, variants: Variants) -> [u32; 3] {
         let tiles = self.tiles.count(self.dst.width, self.dst.height);
         dense_groups(tiles, self.dst.channels, TILE_CHANNELS, self.contract(variants))
+    }
+
+    fn tiles_a_group(&self, variants: Variants) -> u32 {
+        tiles_a_group(self.contract(variants))
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {

@@ -157,6 +157,9 @@ pub struct Output {
     pub tiles: Tiles,
     /// The pixels to write.
     pub region: Region,
+    /// Map of what is to be denoised ([`super::quiet::QuietMap`]). Quiet pixels are the caller's own colour, but for a blend of
+    /// [`super::quiet::BLEND_PIXELS`] beside the others. `None`: everything is denoised.
+    pub quiet: Option<BufferId>,
 }
 
 impl Kernel for Output {
@@ -184,6 +187,12 @@ impl Kernel for Output {
             dst_pixel: at.frame.output.pixel,
             dst_row: at.frame.output.row,
             dst_channel: at.frame.output.channel,
+            color: at.frame.color.address,
+            map: self.quiet.map_or(0, |map| at.of(map)),
+            color_offset: at.frame.color.offset,
+            color_pixel: at.frame.color.pixel,
+            color_row: at.frame.color.row,
+            color_channel: at.frame.color.channel,
             left: self.region.x,
             top: self.region.y,
             right: self.region.right(),
@@ -192,7 +201,7 @@ impl Kernel for Output {
             residual_stride: self.residual.stride / 4,
             first_tile: self.tiles.first(),
             tile_count: self.tiles.count(self.width, self.height),
-            flags: self.tiles.flags(self.width),
+            flags: self.tiles.flags(self.width) | color_flags(&at.frame.color) | self.quiet.map_or(0, |_| flags::QUIET),
             blend: at.frame.blend,
         })
     }
@@ -204,13 +213,12 @@ impl Kernel for Output {
     fn traffic(&self) -> Traffic {
         let pixels = u64::from(self.width) * u64::from(self.height);
         let map = |view: &View| pixels * 4 * view.storage.bytes();
-        Traffic {
-            reads: vec![
-                (self.residual.buffer, map(&self.residual)),
-                (self.log_color.buffer, map(&self.log_color)),
-                (self.stats, STATS_FLOATS * 4),
-            ],
-            writes: vec![],
-        }
+        let mut reads = vec![
+            (self.residual.buffer, map(&self.residual)),
+            (self.log_color.buffer, map(&self.log_color)),
+            (self.stats, STATS_FLOATS * 4),
+        ];
+        reads.extend(self.quiet.map(|quiet| (quiet, pixels / 64)));
+        Traffic { reads, writes: vec![] }
     }
 }

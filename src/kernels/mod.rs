@@ -13,6 +13,7 @@ pub mod expand;
 pub mod film;
 pub mod frame_io;
 pub mod maps;
+pub mod quiet;
 pub mod separable;
 pub mod spirv;
 pub mod stats;
@@ -131,6 +132,12 @@ pub struct FrameArgs {
     pub normal: PlaneArgs,
     /// The depth plane.
     pub depth: PlaneArgs,
+    /// What is known of the colour's noise.
+    pub noise: PlaneArgs,
+    /// What that is.
+    pub noise_kind: quiet::NoiseKind,
+    /// Relative noise below which nothing is denoised, where the plan leaves that out.
+    pub quiet_threshold: f32,
     /// The output plane.
     pub output: PlaneArgs,
     /// Factor on the colour; `None`: the frame's own.
@@ -267,6 +274,10 @@ pub trait Kernel {
     fn contract(&self, variants: Variants) -> &'static Contract;
     /// Workgroups to dispatch.
     fn groups(&self, variants: Variants) -> [u32; 3];
+    /// Tiles of the map that a workgroup works on.
+    fn tiles_a_group(&self, _: Variants) -> u32 {
+        1
+    }
     /// Push constants.
     fn push(&self, at: &Addresses) -> PushBytes;
     /// What the texel buffers of its contract hold, in their order, where the variant has any.
@@ -290,6 +301,7 @@ mod flags {
     pub const FILM: u32 = 16;
     pub const SHUFFLE: u32 = 32;
     pub const UNSHUFFLE: u32 = 64;
+    pub const QUIET: u32 = 16;
     pub const COLOR_HALF: u32 = 1 << 8;
     pub const COLOR: u32 = 1 << 9;
     pub const ALBEDO_HALF: u32 = 1 << 10;
@@ -298,6 +310,9 @@ mod flags {
     pub const NORMAL: u32 = 1 << 13;
     pub const DEPTH_HALF: u32 = 1 << 14;
     pub const DEPTH: u32 = 1 << 15;
+    pub const NOISE_HALF: u32 = 1 << 16;
+    pub const VARIANCE: u32 = 1 << 17;
+    pub const SAMPLES: u32 = 1 << 18;
 }
 
 fn activation_flag(activation: Activation) -> u32 {

@@ -2,7 +2,7 @@
 
 use super::contract::Contract;
 use super::contracts::{self, Separable3x3Push, halves};
-use super::dense::{Linear, TILE_CHANNELS, dense_groups, dense_texels};
+use super::dense::{Linear, TILE_CHANNELS, dense_groups, dense_texels, tiles_a_group};
 use super::maps::Depthwise3x3;
 use super::{Addresses, Kernel, PushBytes, TexelRange, Traffic, Variants, activation_flag, by_storage};
 
@@ -27,6 +27,10 @@ impl Kernel for Separable3x3 {
     fn groups(&self, variants: Variants) -> [u32; 3] {
         let Linear { tiles, dst, .. } = &self.pointwise;
         dense_groups(tiles.count(dst.width, dst.height), dst.channels, TILE_CHANNELS, self.contract(variants))
+    }
+
+    fn tiles_a_group(&self, variants: Variants) -> u32 {
+        tiles_a_group(self.contract(variants))
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {

@@ -125,12 +125,13 @@ pub enum Tiles {
     All,
     /// Those of a rectangle, row by row.
     Rect(TileRect),
-    /// The `count` tiles that the buffer lists, as `x | y << 16` in tiles, each at most once.
+    /// Those that a buffer lists: how many they are, then each as `x | y << 16` in tiles, none twice. The device alone
+    /// need know how many.
     List {
         /// Where the list lies.
         buffer: BufferId,
-        /// Its length.
-        count: u32,
+        /// Most tiles that it may have.
+        at_most: u32,
     },
 }
 
@@ -152,12 +153,12 @@ impl Tiles {
         }
     }
 
-    /// Tiles to work on in a map of `width` x `height` tokens.
+    /// Tiles to work on in a map of `width` x `height` tokens; of a list, the most.
     pub fn count(&self, width: u32, height: u32) -> u32 {
         match self {
             Self::All => width.div_ceil(TILE) * height.div_ceil(TILE),
             Self::Rect(rect) => rect.count(),
-            Self::List { count, .. } => *count,
+            Self::List { at_most, .. } => *at_most,
         }
     }
 }

@@ -36,8 +36,12 @@ impl Kernel for Unembed {
 
     fn groups(&self, variants: Variants) -> [u32; 3] {
         // 64 invocations of so many tokens in a row; one of a token's two rows of pixels.
-        let tokens = self.contract(variants).define("TX") as u32;
-        groups(self.tiles.count(self.src.width, self.src.height).div_ceil(tokens), 2)
+        let tiles = self.tiles.count(self.src.width, self.src.height);
+        groups(tiles.div_ceil(self.tiles_a_group(variants)), 2)
+    }
+
+    fn tiles_a_group(&self, variants: Variants) -> u32 {
+        self.contract(variants).define("TX") as u32
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {

@@ -3,7 +3,7 @@
 use super::contract::Contract;
 use super::contracts::{self, halves};
 use super::dense::Conv3x3;
-use super::{Addresses, Kernel, PushBytes, TILE, TexelRange, Traffic, Variants, by_storage, groups};
+use super::{Addresses, Kernel, PushBytes, TexelRange, Traffic, Variants, by_storage, groups};
 use serde::{Deserialize, Serialize};
 
 /// Outputs of one Winograd tile on a side.
@@ -55,11 +55,14 @@ impl Kernel for Winograd3x3 {
     }
 
     fn groups(&self, variants: Variants) -> [u32; 3] {
-        let contract = self.contract(variants);
         let (width, height) = self.conv.result_size();
-        let outputs = self.tile.outputs().pow(2) * contract.define("TX") as u32;
-        let invocations = self.conv.tiles.count(width, height) * (TILE * TILE / outputs);
-        groups(invocations.div_ceil(64), self.conv.channels.div_ceil(4 * contract.define("NV") as u32))
+        let tiles = self.conv.tiles.count(width, height).div_ceil(self.tiles_a_group(variants));
+        groups(tiles, self.conv.channels.div_ceil(4 * self.contract(variants).define("NV") as u32))
+    }
+
+    /// Of 64 invocations, each with so many outputs of a tile's 64.
+    fn tiles_a_group(&self, variants: Variants) -> u32 {
+        self.tile.outputs().pow(2) * self.contract(variants).define("TX") as u32
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {

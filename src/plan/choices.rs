@@ -2,6 +2,8 @@
 
 use super::conv_table::ConvTable;
 use super::pack::Pack;
+use super::quiet::QuietMode;
+use crate::kernels::dense::TILE_CHANNELS;
 use crate::kernels::separable::Separable3x3;
 use crate::kernels::winograd::WinogradTile;
 use crate::kernels::{Call, Storage};
@@ -21,6 +23,8 @@ pub struct PlanOptions {
     pub keep_features: bool,
     /// Which operations are folded into others before anything else is chosen.
     pub folds: Folds,
+    /// How quiet tiles are left out; `None`: none are.
+    pub quiet: Option<QuietMode>,
     /// How dense 3x3 convolutions are computed.
     pub conv: ConvAlgorithm,
     /// How those of some shapes are, in the place of [`PlanOptions::conv`].
@@ -30,6 +34,7 @@ pub struct PlanOptions {
     /// How feature maps are stored. Log colour and residual are 32-bit floats always.
     pub storage: Storage,
     /// Bytes that a map between consecutive operations may take; where it would take more, they run band by band of the frame.
+    /// Not where quiet tiles are left out.
     pub max_chain_bytes: u64,
 }
 
@@ -50,6 +55,7 @@ impl Default for PlanOptions {
             keep_all: false,
             keep_features: false,
             folds: Folds::ALL,
+            quiet: None,
             conv: ConvAlgorithm::default(),
             conv_table: ConvTable::default(),
             separable: SeparableForm::default(),
@@ -87,6 +93,20 @@ pub enum SeparableForm {
     TwoKernels,
     /// As one.
     Fused,
+    /// As one where a workgroup computes all outputs of the pointwise one: elsewhere each group of them would compute the
+    /// depthwise one anew.
+    Narrow,
+}
+
+impl SeparableForm {
+    /// Whether a pointwise convolution to so many outputs is one kernel with the depthwise one before it.
+    pub(super) fn fuses(self, outputs: u32) -> bool {
+        match self {
+            Self::TwoKernels => false,
+            Self::Fused => true,
+            Self::Narrow => outputs <= TILE_CHANNELS,
+        }
+    }
 }
 
 /// Whether operation `at` is a depthwise convolution whose whole result the next one, a Linear, reads, and nobody else.

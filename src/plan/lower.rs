@@ -5,7 +5,7 @@ use super::bands::Band;
 use super::choices::PlanOptions;
 use super::featureless::{self, For};
 use super::pack::Pack;
-use super::{Buffer, Dispatch, Place, Plan, features, hazards};
+use super::{Buffer, Dispatch, Place, Plan, features, hazards, quiet};
 use crate::error::{Error, Result};
 use crate::frame::{Extent, Region};
 use crate::kernels::stats::Counted;
@@ -193,6 +193,7 @@ impl<'a> Lowering<'a> {
             barrier: false,
             flops,
             band: 0,
+            groups: None,
             of_features: false,
             of_depth: false,
             skipped: false,
@@ -248,6 +249,7 @@ impl<'a> Lowering<'a> {
             height: self.extent.height,
             tiles: Tiles::All,
             region: Region::all(self.extent),
+            quiet: None,
         };
         self.push("output", Stage::Output, 0, Call::Output(output));
     }
@@ -271,6 +273,17 @@ impl<'a> Lowering<'a> {
         features::mark(&mut self.dispatches, |id| matches!(buffers[id.0].place, Place::Weights { .. }));
         let multiple = self.graph.arch.pad_multiple();
         let merged = featureless::merge(std::mem::take(&mut self.dispatches), &mut self.buffers, self.padded, multiple);
+        let (merged, quiet) = match options.quiet {
+            Some(mode) => {
+                let Self { extent, padded, stats, .. } = self;
+                let frame = quiet::Frame { extent, padded, stats, mode, keeps_features: options.keep_features };
+                let (merged, activity) = quiet::apply(merged, &mut self.buffers, &frame);
+                (merged, Some(activity))
+            }
+            None => (merged, None),
+        };
+        let read_after: Vec<BufferId> = quiet.iter().map(|quiet| quiet.buffer).collect();
+        let kept = &[kept, &read_after].concat()[..];
         let kept = match options.keep_features {
             true => [kept, &features::kept(merged.iter().map(|(dispatch, _)| dispatch))].concat(),
             false => kept.to_vec(),
@@ -322,6 +335,7 @@ impl<'a> Lowering<'a> {
             weights_bytes: self.weights_bytes,
             stats: self.stats,
             keeps_features: options.keep_features,
+            quiet,
         })
     }
 }

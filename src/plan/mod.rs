@@ -1,6 +1,7 @@
 //! The plan: one network at one frame size as a list of dispatches over buffers. Pure data, no Vulkan: it is printed,
 //! costed, recorded, and computed again on the CPU in f64 from the same list.
 
+pub mod active;
 mod arena;
 mod bands;
 mod choices;
@@ -11,12 +12,14 @@ mod hazards;
 mod lower;
 mod ops;
 pub mod pack;
+pub mod quiet;
 mod region;
 mod unembed;
 mod winograd;
 
 use crate::frame::Extent;
-use crate::kernels::{BufferId, Call, Storage, Traffic, View};
+use crate::kernels::quiet::{GROUPS_BYTES, list_bytes};
+use crate::kernels::{BufferId, Call, Storage, Tiles, Traffic, View};
 use crate::net::graph::Stage;
 use pack::Pack;
 
@@ -75,14 +78,21 @@ pub struct Dispatch {
     pub of_features: bool,
     /// Whether it serves the depth plane alone, and is left out where there is none.
     pub of_depth: bool,
+    /// Where the device says how many workgroups there are; `None`: the host knows.
+    pub groups: Option<quiet::Groups>,
     /// Whether it is left out of this frame. It keeps its place in the list, and its barrier holds for what comes next.
     pub skipped: bool,
 }
 
 impl Dispatch {
-    /// Memory that it touches.
+    /// Memory that it touches, with the list of its tiles.
     pub fn traffic(&self) -> Traffic {
-        self.call.kernel().traffic()
+        let mut traffic = self.call.kernel().traffic();
+        if let Some((Tiles::List { buffer, at_most }, ..)) = self.call.tiles() {
+            traffic.reads.push((buffer, list_bytes(at_most)));
+        }
+        traffic.reads.extend(self.groups.map(|groups| (groups.buffer, GROUPS_BYTES)));
+        traffic
     }
 
     /// Leaves it out.
@@ -144,6 +154,8 @@ pub struct Plan {
     pub residual: View,
     /// The frame's statistics ([`crate::kernels::stats`]).
     pub stats: BufferId,
+    /// What the device says of tiles that need no denoising; `None` where all are denoised.
+    pub quiet: Option<active::Activity>,
     /// Whether what depends on the features alone keeps its place between frames ([`PlanOptions::keep_features`]).
     pub keeps_features: bool,
 }
@@ -160,6 +172,12 @@ impl Plan {
             Some(dispatches) if !features.any() => dispatches,
             _ => &self.dispatches,
         }
+    }
+
+    /// What tells of a pass after it has run: the statistics, and where quiet tiles are left out [`active::Activity`].
+    pub fn read_back(&self) -> Vec<BufferId> {
+        let activity = self.quiet.as_ref().map(|quiet| quiet.buffer);
+        std::iter::once(self.stats).chain(activity).collect()
     }
 
     /// Device memory of arena and weights, in bytes.

@@ -1,6 +1,5 @@
 //! From one operation to its kernel.
 
-use super::SeparableForm;
 use super::choices::{conv_pack, fuse, is_separable};
 use super::conv_table::ConvShape;
 use super::lower::{Lowering, Partials};
@@ -15,8 +14,8 @@ impl Lowering<'_> {
         let graph = self.graph;
         let op = &graph.ops[at];
         let (call, flops) = (self.op(op), self.flops(op));
-        let fused = self.options.separable == SeparableForm::Fused;
-        match graph.ops.get(at + 1).filter(|_| fused && is_separable(graph, at)) {
+        let fuses = |next: &&Op| self.options.separable.fuses(graph.writes(next).channels) && is_separable(graph, at);
+        match graph.ops.get(at + 1).filter(fuses) {
             Some(next) => (fuse(call, self.op(next)), flops + self.flops(next), 2),
             None => (call, flops, 1),
         }

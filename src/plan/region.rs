@@ -28,25 +28,47 @@ impl Plan {
 
     /// The same for other dispatches of this plan.
     pub(crate) fn restrict_to(&self, region: Region, dispatches: &mut [Dispatch]) {
-        let mut needed = Needed::default();
-        for dispatch in dispatches.iter_mut().rev() {
-            if self.keeps_features && dispatch.of_features {
-                continue;
-            }
-            match &mut dispatch.call {
-                Call::Output(output) => restrict_output(output, region, &mut needed),
-                call => restrict(call, &mut needed),
-            }
-            if let Some((tiles, width, height)) = dispatch.call.tiles() {
-                let all = u64::from(Tiles::All.count(width, height)).max(1);
-                let count = tiles.count(width, height);
-                dispatch.flops = dispatch.flops * u64::from(count) / all;
-                if count == 0 {
-                    dispatch.skip();
-                }
+        set_region(region, dispatches);
+        let keeps = |dispatch: &Dispatch| self.keeps_features && dispatch.of_features;
+        let needed = needed_tokens(dispatches, region, keeps);
+        for (dispatch, needed) in dispatches.iter_mut().zip(needed) {
+            let (Some(rect), Some((_, width, height))) = (needed, dispatch.call.tiles()) else { continue };
+            let tiles = restrict(&mut dispatch.call, rect);
+            let all = u64::from(Tiles::All.count(width, height)).max(1);
+            let count = tiles.count(width, height);
+            dispatch.flops = dispatch.flops * u64::from(count) / all;
+            if count == 0 {
+                dispatch.skip();
             }
         }
     }
+}
+
+/// Has the last kernel write the pixels of a region alone.
+pub(super) fn set_region(region: Region, dispatches: &mut [Dispatch]) {
+    for dispatch in dispatches {
+        if let Call::Output(output) = &mut dispatch.call {
+            output.region = region;
+        }
+    }
+}
+
+/// The tokens that every dispatch has to compute of its result for the pixels of `region`, and no others; `None` for those
+/// without tiles and for those that are kept as they are.
+pub(super) fn needed_tokens(
+    dispatches: &[Dispatch],
+    region: Region,
+    keeps: impl Fn(&Dispatch) -> bool,
+) -> Vec<Option<TokenRect>> {
+    let mut needed = Needed::default();
+    let rect = |dispatch: &Dispatch| match &dispatch.call {
+        _ if keeps(dispatch) => None,
+        Call::Output(output) => Some(needed.output(output, region)),
+        call => needed.before(call),
+    };
+    let mut rects: Vec<_> = dispatches.iter().rev().map(rect).collect();
+    rects.reverse();
+    rects
 }
 
 /// The tokens of every buffer that a later kernel reads.
@@ -61,9 +83,9 @@ impl Needed {
         TokenRect { top: row(rect.top), bottom: row(rect.bottom), ..rect }
     }
 
-    /// Narrows the tiles of a kernel over `view` to what is needed of it.
-    fn narrow(&self, view: &View, tiles: &mut Tiles) -> TokenRect {
-        narrow(tiles, self.of(view), view.width, view.height)
+    /// What a kernel over `tiles` of `view` has to compute of it.
+    fn within(&self, view: &View, tiles: &Tiles) -> TokenRect {
+        within(self.of(view), tiles)
     }
 
     /// Adds tokens of a view, as far as they lie in it.
@@ -98,15 +120,23 @@ impl Needed {
     }
 }
 
-/// Narrows tiles to those that cover `rect`, as far as they did before; returns the tokens that are left to compute.
-fn narrow(tiles: &mut Tiles, rect: TokenRect, width: u32, height: u32) -> TokenRect {
-    let rect = match tiles {
+/// What of the needed tokens a kernel over `tiles` computes.
+fn within(rect: TokenRect, tiles: &Tiles) -> TokenRect {
+    match tiles {
         // A band's.
         Tiles::Rect(own) => rect.common(&own.tokens()),
-        _ => rect,
-    };
-    *tiles = cover(rect, width, height);
-    rect
+        Tiles::All | Tiles::List { .. } => rect,
+    }
+}
+
+/// Has a call work on the tiles that cover some tokens, and returns them.
+fn restrict(call: &mut Call, rect: TokenRect) -> Tiles {
+    let Some((_, width, height)) = call.tiles() else { return Tiles::All };
+    // A frame's last tiles may be partial.
+    let (width, height) = (width.next_multiple_of(TILE), height.next_multiple_of(TILE));
+    let tiles = Tiles::Rect(TileRect::covering(rect, width, height));
+    call.tiles_mut().into_iter().for_each(|own| *own = tiles);
+    tiles
 }
 
 /// Restricts calls that run one after the other to what the last one needs for the pixel rows `first..end` of the frame.
@@ -118,89 +148,101 @@ pub(super) fn restrict_chain(calls: &mut [&mut Call], (top, bottom): (u32, u32),
         needed.add(view, TokenRect { left: 0, top: row(first), right: view.width, bottom: row(end) });
     }
     for call in calls.iter_mut().rev() {
-        restrict(call, &mut needed);
+        if let Some(rect) = needed.before(call) {
+            restrict(call, rect);
+        }
     }
 }
 
-fn cover(rect: TokenRect, width: u32, height: u32) -> Tiles {
-    Tiles::Rect(TileRect::covering(rect, width, height))
-}
-
-/// Restricts the last kernel to the pixels that are wanted.
-fn restrict_output(output: &mut Output, region: Region, needed: &mut Needed) {
-    let rect = TokenRect { left: region.x, top: region.y, right: region.right(), bottom: region.bottom() };
-    (output.tiles, output.region) = (cover(rect, output.residual.width, output.residual.height), region);
-    needed.add(&output.residual, rect);
-    needed.add(&output.log_color, rect);
-}
-
-/// Restricts a call to what is needed of its result, and adds what it needs itself.
-fn restrict(call: &mut Call, needed: &mut Needed) {
-    match call {
-        Call::Conv3x3(conv) => restrict_conv(conv, 1, needed),
-        // A result of a Winograd tile has rounding errors of everything that the tile reads.
-        Call::Winograd3x3(Winograd3x3 { conv, tile }) => restrict_conv(conv, tile.outputs(), needed),
-        Call::Separable3x3(separable) => {
-            let rect = needed.narrow(&separable.pointwise.dst, &mut separable.pointwise.tiles);
-            needed.add_around(&separable.depthwise.src, rect, 1);
-            separable.pointwise.residual.iter().for_each(|residual| needed.add(residual, rect));
-        }
-        Call::Linear(linear) => {
-            let rect = needed.narrow(&linear.dst, &mut linear.tiles);
-            for source in [Some(&linear.src), linear.src_b.as_ref(), linear.residual.as_ref()].into_iter().flatten() {
-                needed.add(source, rect);
-            }
-        }
-        Call::Depthwise3x3(depthwise) => {
-            let rect = needed.narrow(&depthwise.dst, &mut depthwise.tiles);
-            needed.add_around(&depthwise.src, rect, 1);
-        }
-        Call::LayerNorm(norm) => {
-            let rect = needed.narrow(&norm.dst, &mut norm.tiles);
-            needed.add(&norm.src, rect);
-        }
-        Call::Unembed(unembed) => {
-            let rect =
-                narrow(&mut unembed.tiles, needed.of(&unembed.dst).halved(), unembed.src.width, unembed.src.height);
-            needed.add_within(&unembed.src, rect, 2);
-        }
-        Call::WindowAttention(attention) => {
-            let rect = needed.of(&attention.dst).in_multiples_of(TILE);
-            attention.tiles = cover(rect, attention.dst.width, attention.dst.height);
-            needed.add(&attention.x, rect);
-            needed.add(&attention.f, rect);
-        }
-        Call::Expand(expand) => {
-            if !needed.narrow(&expand.dst, &mut expand.tiles).is_empty() {
-                needed.add_all(&expand.src);
-            }
-        }
-        Call::InputColor(input) => _ = needed.narrow(&input.dst, &mut input.tiles),
-        Call::InputAux(input) => _ = needed.narrow(&input.dst, &mut input.tiles),
-        Call::TokenSum(sum) => needed.add_all(&sum.src),
-        Call::Output(_)
-        | Call::FilmVector(_)
-        | Call::StatsClear(_)
-        | Call::StatsHistogram(_)
-        | Call::StatsSelect(_)
-        | Call::StatsTiles(_)
-        | Call::StatsKey(_) => {}
+impl Needed {
+    /// What the last kernel has to compute for the pixels that are wanted; what it needs itself is added.
+    fn output(&mut self, output: &Output, region: Region) -> TokenRect {
+        let rect = TokenRect { left: region.x, top: region.y, right: region.right(), bottom: region.bottom() };
+        self.add(&output.residual, rect);
+        self.add(&output.log_color, rect);
+        rect
     }
-}
 
-/// `grain`: tokens on a side that are computed together.
-fn restrict_conv(conv: &mut Conv3x3, grain: u32, needed: &mut Needed) {
-    let wanted = needed.of(&conv.dst);
-    let TokenRect { left, top, right, bottom } = wanted;
-    let rect = match conv.shuffle {
-        Shuffle::None => wanted,
-        // The result is stored at twice its size ...
-        Shuffle::Shuffle => wanted.halved(),
-        // ... or at half of it.
-        Shuffle::Unshuffle => TokenRect { left: left * 2, top: top * 2, right: right * 2, bottom: bottom * 2 },
-    };
-    let (width, height) = conv.result_size();
-    let rect = narrow(&mut conv.tiles, rect.in_multiples_of(grain), width, height);
-    needed.add_around(&conv.src, rect, conv.stride);
-    conv.residual.iter().for_each(|residual| needed.add(residual, rect));
+    /// What a call has to compute for those after it; what it needs itself is added. `None` for kernels without tiles.
+    fn before(&mut self, call: &Call) -> Option<TokenRect> {
+        Some(match call {
+            Call::Conv3x3(conv) => self.before_conv(conv, 1),
+            // A result of a Winograd tile has rounding errors of everything that the tile reads.
+            Call::Winograd3x3(Winograd3x3 { conv, tile }) => self.before_conv(conv, tile.outputs()),
+            Call::Separable3x3(separable) => {
+                let rect = self.within(&separable.pointwise.dst, &separable.pointwise.tiles);
+                self.add_around(&separable.depthwise.src, rect, 1);
+                separable.pointwise.residual.iter().for_each(|residual| self.add(residual, rect));
+                rect
+            }
+            Call::Linear(linear) => {
+                let rect = self.within(&linear.dst, &linear.tiles);
+                let sources = [Some(&linear.src), linear.src_b.as_ref(), linear.residual.as_ref()];
+                sources.into_iter().flatten().for_each(|source| self.add(source, rect));
+                rect
+            }
+            Call::Depthwise3x3(depthwise) => {
+                let rect = self.within(&depthwise.dst, &depthwise.tiles);
+                self.add_around(&depthwise.src, rect, 1);
+                rect
+            }
+            Call::LayerNorm(norm) => {
+                let rect = self.within(&norm.dst, &norm.tiles);
+                self.add(&norm.src, rect);
+                rect
+            }
+            Call::Unembed(unembed) => {
+                let rect = within(self.of(&unembed.dst).halved(), &unembed.tiles);
+                self.add_within(&unembed.src, rect, 2);
+                rect
+            }
+            Call::WindowAttention(attention) => {
+                let rect = self.of(&attention.dst).in_multiples_of(TILE);
+                self.add(&attention.x, rect);
+                self.add(&attention.f, rect);
+                rect
+            }
+            Call::Expand(expand) => {
+                let rect = self.within(&expand.dst, &expand.tiles);
+                if !rect.is_empty() {
+                    self.add_all(&expand.src);
+                }
+                rect
+            }
+            Call::InputColor(input) => self.within(&input.dst, &input.tiles),
+            Call::InputAux(input) => self.within(&input.dst, &input.tiles),
+            Call::TokenSum(sum) => {
+                self.add_all(&sum.src);
+                return None;
+            }
+            Call::Output(_)
+            | Call::FilmVector(_)
+            | Call::StatsClear(_)
+            | Call::StatsHistogram(_)
+            | Call::StatsSelect(_)
+            | Call::StatsTiles(_)
+            | Call::StatsKey(_)
+            | Call::TileNoise(_)
+            | Call::QuietMap(_)
+            | Call::TileList(_)
+            | Call::Fill(_) => return None,
+        })
+    }
+
+    /// `grain`: tokens on a side that are computed together.
+    fn before_conv(&mut self, conv: &Conv3x3, grain: u32) -> TokenRect {
+        let wanted = self.of(&conv.dst);
+        let TokenRect { left, top, right, bottom } = wanted;
+        let rect = match conv.shuffle {
+            Shuffle::None => wanted,
+            // The result is stored at twice its size ...
+            Shuffle::Shuffle => wanted.halved(),
+            // ... or at half of it.
+            Shuffle::Unshuffle => TokenRect { left: left * 2, top: top * 2, right: right * 2, bottom: bottom * 2 },
+        };
+        let rect = within(rect.in_multiples_of(grain), &conv.tiles);
+        self.add_around(&conv.src, rect, conv.stride);
+        conv.residual.iter().for_each(|residual| self.add(residual, rect));
+        rect
+    }
 }

@@ -1,9 +1,10 @@
 //! What is known of one dispatch once it has run.
 
 use super::shape::Shape;
-use crate::kernels::{Accesses, Tiles, Traffic, Variants};
+use crate::kernels::{Accesses, Call, Tiles, Traffic, Variants};
 use crate::net::graph::Stage;
 use crate::plan::Dispatch;
+use crate::plan::active::ActiveTiles;
 
 /// One dispatch: what it was, what it had to do, how long it took.
 #[derive(Clone, Debug, PartialEq)]
@@ -24,7 +25,7 @@ pub struct KernelRecord {
     pub skipped: bool,
     /// Tiles that it worked on and those of its whole map, each counted once; `None` for kernels without tiles.
     pub tiles: Option<[u32; 2]>,
-    /// Workgroups.
+    /// Workgroups; where the device makes the list of tiles, for all of them.
     pub groups: [u32; 3],
     /// Multiplications and additions of the network's own channels, as [`crate::net::cost`] counts them: what the op
     /// asks for, however the kernel computes it.
@@ -39,6 +40,8 @@ pub struct KernelRecord {
     pub start: f64,
     /// Microseconds from the end of everything before it to its own end.
     pub microseconds: f64,
+    /// The list of tiles that it runs over, where the device makes it.
+    list: Option<usize>,
 }
 
 impl KernelRecord {
@@ -57,10 +60,12 @@ impl KernelRecord {
             matrix: contract.needs_matrix(),
             shape: Shape::of(&dispatch.call),
             skipped: dispatch.skipped,
-            tiles: dispatch.call.tiles().map(|(tiles, width, height)| {
-                let active = if dispatch.skipped { 0 } else { tiles.count(width, height) };
-                [active, Tiles::All.count(width, height)]
-            }),
+            tiles: dispatch.call.tiles().filter(|_| !matches!(dispatch.call, Call::Fill(_))).map(
+                |(tiles, width, height)| {
+                    let active = if dispatch.skipped { 0 } else { tiles.count(width, height) };
+                    [active, Tiles::All.count(width, height)]
+                },
+            ),
             groups: if dispatch.skipped { [0; 3] } else { kernel.groups(variants) },
             flops: dispatch.flops,
             bytes_read: bytes(&traffic.reads),
@@ -68,7 +73,22 @@ impl KernelRecord {
             accesses: if dispatch.skipped { accesses.map(|_| Accesses::default()) } else { accesses },
             start,
             microseconds: (end - start).max(0.0),
+            list: dispatch.groups.filter(|groups| !groups.idle).map(|groups| groups.list),
         }
+    }
+
+    /// Counts the tiles, FLOPs and bytes of those tiles that were active, where the device alone knew which; until then they are
+    /// those of all tiles.
+    pub fn count_active(&mut self, active: &ActiveTiles) {
+        let Some(list) = self.list else { return };
+        let share = active.share(list);
+        let part = |all: u64| (all as f64 * share).round() as u64;
+        (self.flops, self.bytes_read, self.bytes_written) =
+            (part(self.flops), part(self.bytes_read), part(self.bytes_written));
+        if let (Some([tiles, _]), Some((_, count))) = (&mut self.tiles, active.parts.get(list)) {
+            *tiles = *count;
+        }
+        self.accesses = self.accesses.map(|accesses| accesses.part(share));
     }
 
     /// Bytes read and written.

@@ -54,6 +54,10 @@ impl Shape {
             Call::InputColor(k) => of(k.dst.width, k.dst.height, 3, 3),
             Call::InputAux(k) => of(k.dst.width, k.dst.height, 7, 7),
             Call::Output(k) => of(k.width, k.height, 3, 3),
+            Call::TileNoise(k) => of(k.frame.width, k.frame.height, 3, 1),
+            Call::QuietMap(k) => of(k.size.columns, k.size.rows, 1, 1),
+            Call::TileList(k) => of(k.columns, k.rows, 1, 1),
+            Call::Fill(k) => of(k.dst.width, k.dst.height, 0, k.dst.channels),
         }
     }
 }

@@ -5,6 +5,7 @@ use super::map::Map;
 use super::tiles;
 use crate::frame::{Extent, Frame, Plane, Samples};
 use crate::kernels::frame_io::{InputAux, InputColor, Output};
+use crate::kernels::quiet::{BLEND_PIXELS, MAP_TILE, NoiseKind};
 use crate::kernels::stats::{EXPOSURE, KEY};
 
 /// Exposed colour ends here, and so does an output of halves.
@@ -27,6 +28,12 @@ pub struct FrameData {
     normal: Option<Vec<f32>>,
     depth: Option<Vec<f32>>,
     far: f32,
+    /// What is known of the colour's noise.
+    pub noise: Option<Vec<f32>>,
+    /// What that is.
+    pub noise_kind: NoiseKind,
+    /// Relative noise up to which nothing is denoised.
+    pub quiet_threshold: f64,
     /// Factor on the colour; `None`: the frame's own.
     pub exposure: Option<f64>,
     /// Share of the noisy colour in the output.
@@ -40,7 +47,22 @@ impl FrameData {
     pub fn black(extent: Extent) -> Self {
         let color = vec![0.0; 3 * extent.pixels() as usize];
         let (albedo, normal, depth) = (None, None, None);
-        Self { extent, color, albedo, normal, depth, far: FAR, exposure: None, blend: 0.0, output_half: false }
+        let (noise, noise_kind, quiet_threshold) = (None, NoiseKind::default(), 0.0);
+        let (far, exposure, blend, output_half) = (FAR, None, 0.0, false);
+        Self {
+            extent,
+            color,
+            albedo,
+            normal,
+            depth,
+            far,
+            noise,
+            noise_kind,
+            quiet_threshold,
+            exposure,
+            blend,
+            output_half,
+        }
     }
 
     /// The planes of a frame that was checked.
@@ -58,6 +80,8 @@ impl FrameData {
             albedo: features.albedo.map(|plane| packed(&plane, 3)),
             normal: features.normal.map(|plane| packed(&plane, 3)),
             depth: features.depth.map(|plane| packed(&plane, 1)),
+            noise: features.noise.map(|noise| packed(&noise.plane, 1)),
+            noise_kind: features.noise.map_or(NoiseKind::default(), |noise| noise.kind),
             far: if half_depth { FAR_HALF } else { FAR },
             ..Self::black(extent)
         }
@@ -72,6 +96,16 @@ impl FrameData {
     /// The luminance of a valid pixel.
     pub fn luminance(&self, pixel: usize) -> Option<f32> {
         self.color(pixel).map(|[r, g, b]| (0.2126 * r + 0.7152 * g + 0.0722 * b).min(f32::MAX))
+    }
+
+    /// Whether there is no plane of depths.
+    pub fn has_no_depth(&self) -> bool {
+        self.depth.is_none()
+    }
+
+    /// Width and height in pixels.
+    pub fn size(&self) -> [usize; 2] {
+        [self.extent.width as usize, self.extent.height as usize]
     }
 
     /// A valid depth.
@@ -93,7 +127,7 @@ impl FrameData {
     }
 
     /// The colour of a pixel that is in range and not isolated: light of more than two pixels has two bright neighbours.
-    fn good(&self, x: usize, y: usize, key: f64) -> Option<[f64; 3]> {
+    pub fn good(&self, x: usize, y: usize, key: f64) -> Option<[f64; 3]> {
         let brightest = |[r, g, b]: [f64; 3]| r.max(g).max(b);
         let color = self.in_range(x, y, key)?;
         if brightest(color) <= ISOLATED_KEYS * key {
@@ -161,23 +195,47 @@ pub fn input_aux(reference: &mut Reference, call: &InputAux) {
 pub fn output(reference: &mut Reference, call: &Output) {
     let (residual, log_color) = (reference.map(&call.residual), reference.map(&call.log_color));
     let exposure = reference.buffer(call.stats)[EXPOSURE];
+    let map = call.quiet.map(|map| reference.buffer(map));
     let frame = &reference.frame;
     let (blend, end) = (frame.blend, if frame.output_half { LARGEST_HALF } else { f64::from(f32::MAX) });
     let (width, height) = (call.width as usize, call.height as usize);
-    let mut out = std::mem::take(&mut reference.output);
+    let mut out = reference.output.clone();
     out.resize(3 * width * height, f64::NAN);
     for (x, y) in tiles::tokens(&reference.tiles(&call.tiles, call.width, call.height), width, height) {
         if !call.region.contains(x as u32, y as u32) {
             continue;
         }
+        let quiet = map.map_or(0.0, |map| quiet_share(map, call.residual.width / MAP_TILE, x, y));
         for channel in 0..3 {
             let (c, r) = (log_color.token(x, y)[channel], residual.token(x, y)[channel]);
             let denoised = clamp((c + r).exp_m1() / exposure, end);
             let noisy = clamp(c.exp_m1() / exposure, end);
-            out[3 * (y * width + x) + channel] = (1.0 - blend) * denoised + blend * noisy;
+            let mixed = (1.0 - blend) * denoised + blend * noisy;
+            let own = f64::from(frame.color[3 * (y * width + x) + channel]).min(end);
+            out[3 * (y * width + x) + channel] = match quiet {
+                0.0 => mixed,
+                1.0 => own,
+                share => (1.0 - share) * mixed + share * own,
+            };
         }
     }
     reference.output = out;
+}
+
+/// The caller's share of a pixel: by its distance to the nearest square that is denoised.
+fn quiet_share(map: &[f64], columns: u32, x: usize, y: usize) -> f64 {
+    let (columns, side) = (columns as usize, MAP_TILE as usize);
+    let beyond = |at: usize, square: usize| {
+        let (at, low) = (at as f64 + 0.5, (square * side) as f64);
+        (low - at).max(at - low - side as f64).max(0.0)
+    };
+    let near = |at: usize, end: usize| (at / side).saturating_sub(1)..(at / side + 2).min(end);
+    let squares = near(y, map.len() / columns).flat_map(|row| near(x, columns).map(move |column| (column, row)));
+    let distances = squares
+        .filter(|(column, row)| map[row * columns + column] > 0.0)
+        .map(|(column, row)| beyond(x, column).hypot(beyond(y, row)));
+    let share = (distances.fold(f64::MAX, f64::min) / f64::from(BLEND_PIXELS)).min(1.0);
+    share * share * (3.0 - 2.0 * share)
 }
 
 /// Clamps to [0, end]; NaN stays.
@@ -200,7 +258,7 @@ fn fill(map: &mut Map, width: u32, height: u32, mut fill: impl FnMut(usize, usiz
 }
 
 /// The pixel that a position beyond the frame's end mirrors, again and again.
-fn reflect(at: usize, size: usize) -> usize {
+pub fn reflect(at: usize, size: usize) -> usize {
     let period = 2 * (size - 1);
     match at % period.max(1) {
         at if at < size => at,

@@ -13,6 +13,7 @@ mod maps;
 mod matrix;
 mod parallel;
 mod parameters;
+mod quiet;
 mod separable;
 mod stats;
 mod tiles;
@@ -98,9 +99,10 @@ impl<'a> Reference<'a> {
                 reason: format!("the frame is {found:?}, the plan is for {expected:?}"),
             });
         }
-        let output_half = self.frame.output_half;
+        let (output_half, quiet_threshold) = (self.frame.output_half, self.frame.quiet_threshold);
         self.frame = FrameData::new(frame);
         (self.frame.exposure, self.frame.blend, self.frame.output_half) = (exposure, blend, output_half);
+        self.frame.quiet_threshold = quiet_threshold;
         Ok(())
     }
 
@@ -148,6 +150,10 @@ impl<'a> Reference<'a> {
             Call::InputColor(k) => frame_io::input_color(self, k),
             Call::InputAux(k) => frame_io::input_aux(self, k),
             Call::Output(k) => frame_io::output(self, k),
+            Call::TileNoise(k) => quiet::tile_noise(self, k),
+            Call::QuietMap(k) => quiet::quiet_map(self, k),
+            Call::TileList(k) => quiet::tile_list(self, k),
+            Call::Fill(k) => quiet::fill(self, k),
         }
     }
 
@@ -161,10 +167,21 @@ impl<'a> Reference<'a> {
         self.buffer_mut(id)[..values.len()].copy_from_slice(values);
     }
 
+    /// Fills an element of a buffer.
+    fn set_element(&mut self, id: BufferId, at: usize, value: f64) {
+        self.buffer_mut(id)[at] = value;
+    }
+
+    /// Relative noise up to which nothing is denoised.
+    pub fn set_quiet_threshold(&mut self, threshold: f64) {
+        self.frame.quiet_threshold = threshold;
+    }
+
     /// Fills a list of active tiles, each `(x, y)`.
     pub fn set_tiles(&mut self, id: BufferId, tiles: &[(u32, u32)]) {
-        let entries: Vec<f64> = tiles.iter().map(|(x, y)| f64::from(x | y << 16)).collect();
-        self.set_buffer(id, &entries);
+        let entries = tiles.iter().map(|(x, y)| f64::from(x | y << 16));
+        let list: Vec<f64> = std::iter::once(tiles.len() as f64).chain(entries).collect();
+        self.set_buffer(id, &list);
     }
 
     /// What a view covers, `[token][channel]`.

@@ -30,8 +30,10 @@ impl Reference<'_> {
         match *tiles {
             Tiles::All => all(width, height),
             Tiles::Rect(rect) => grid((rect.x as usize, rect.y as usize), rect.columns as usize, rect.rows as usize),
-            Tiles::List { buffer, count } => {
-                let entries = self.buffer(buffer)[..count as usize].iter().map(|&entry| entry as usize);
+            Tiles::List { buffer, .. } => {
+                let list = self.buffer(buffer);
+                let count = list.first().map_or(0, |&count| count as usize);
+                let entries = list.iter().skip(1).take(count).map(|&entry| entry as usize);
                 entries.map(|entry| ((entry & 0xffff) * SIDE, (entry >> 16) * SIDE)).collect()
             }
         }

@@ -56,6 +56,8 @@ pub struct DeviceInfo {
 pub struct Caps {
     /// What kind of device it is.
     pub kind: DeviceKind,
+    /// Mesa's major version, where the driver is its lavapipe.
+    pub lavapipe: Option<u32>,
     /// Largest buffer and largest single allocation, in bytes.
     pub max_buffer_bytes: u64,
     /// Bytes of the largest device-local heap.
@@ -261,6 +263,7 @@ pub(crate) fn inspect(instance: &ash::Instance, physical: vk::PhysicalDevice, in
     };
     let caps = Caps {
         kind,
+        lavapipe: (driver.driver_id == vk::DriverId::MESA_LLVMPIPE).then(|| mesa_major(&driver_info)).flatten(),
         max_buffer_bytes: maintenance3.max_memory_allocation_size,
         memory_bytes,
         max_groups: limits.max_compute_work_group_count,
@@ -301,6 +304,11 @@ pub(crate) fn has_pipeline_statistics(instance: &ash::Instance, physical: vk::Ph
     // SAFETY: as above; the chained struct is one of an extension that the device has.
     unsafe { instance.get_physical_device_features2(physical, &mut features) };
     executables.pipeline_executable_info == vk::TRUE
+}
+
+/// The major version that lavapipe tells of Mesa, such as `Mesa 22.3.6 (LLVM 15.0.6)`: before Mesa 23 `driverVersion` says 1.
+fn mesa_major(driver_info: &str) -> Option<u32> {
+    driver_info.strip_prefix("Mesa ")?.split('.').next()?.parse().ok()
 }
 
 fn kind_of(ty: vk::PhysicalDeviceType) -> DeviceKind {

@@ -69,9 +69,10 @@ pub fn make_buffers(bench: &mut Bench, buffers: &[Buffer], weights: &Weights) {
     }
 }
 
-/// The bits of a tile list's entries, as the device reads them.
+/// The bits of a tile list, as the device reads them.
 pub fn tile_bits(tiles: &[(u32, u32)]) -> Vec<f32> {
-    tiles.iter().map(|(x, y)| f32::from_bits(x | y << 16)).collect()
+    let entries = tiles.iter().map(|(x, y)| x | y << 16);
+    std::iter::once(tiles.len() as u32).chain(entries).map(f32::from_bits).collect()
 }
 
 enum Content {
@@ -186,10 +187,11 @@ impl Cases {
         for i in (1..list.len()).rev() {
             list.swap(i, self.random.integer(0, i as u32) as usize);
         }
-        list.truncate(self.random.integer(1, list.len() as u32) as usize);
-        let count = list.len() as u32;
-        let buffer = self.in_arena("tiles", 4 * list.len(), Content::Tiles(list));
-        Tiles::List { buffer, count }
+        list.truncate(self.random.integer(0, list.len() as u32) as usize);
+        // The host need not know how many they are.
+        let at_most = list.len() as u32 + self.random.pick(&[0, 0, 1, 20]);
+        let buffer = self.in_arena("tiles", 4 * (1 + list.len()), Content::Tiles(list));
+        Tiles::List { buffer, at_most }
     }
 
     /// Adds a call that writes `result`.

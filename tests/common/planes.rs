@@ -148,6 +148,7 @@ impl TestFrame {
                 albedo: self.albedo.as_ref().map(TestPlane::plane),
                 normal: self.normal.as_ref().map(TestPlane::plane),
                 depth: self.depth.as_ref().map(TestPlane::plane),
+                noise: None,
             },
         }
     }

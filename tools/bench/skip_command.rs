@@ -59,7 +59,7 @@ pub fn run(args: &SkipArgs) -> stress::Result<()> {
     let color: Vec<f32> = (0..3 * pixels).map(|i| noise(i) * noise(i / 3) * 4.0).collect();
     let (rgb, one) = (Layout::interleaved(extent, 3), Layout::interleaved(extent, 1));
     let plane = Some(Plane::f32(&color, rgb));
-    let features = Features { albedo: plane, normal: plane, depth: Some(Plane::f32(&color, one)) };
+    let features = Features { albedo: plane, normal: plane, depth: Some(Plane::f32(&color, one)), noise: None };
     let frame = Frame { extent, color: Plane::f32(&color, rgb), features };
     let mut output = vec![0.0; color.len()];
     let mut denoise = |denoiser: &mut Denoiser, frame: &Frame| -> Result<(f64, f64), Error> {

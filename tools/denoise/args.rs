@@ -3,7 +3,7 @@
 use clap::Parser;
 use std::path::PathBuf;
 use vkdenoise::exr_io::FeatureSource;
-use vkdenoise::{Cache, DeviceSelector, Exposure, Precision, Quality, Region};
+use vkdenoise::{Cache, DeviceSelector, Exposure, Precision, Quality, Quiet, QuietMode, Region};
 
 /// Denoises OpenEXR renders with Vulkan.
 ///
@@ -80,11 +80,29 @@ pub struct Args {
     #[arg(long, value_name = "X,Y,W,H", allow_hyphen_values = true, value_parser = parsed::<Region>)]
     pub region: Option<Region>,
 
+    /// Leave out what has less relative noise than this: squares of 16x16 pixels that keep their colour, for part of the work.
+    /// 0.025 is hardly visible. The noise is estimated, or known from a layer of variance or sample counts. 0: denoise all
+    #[arg(long, value_name = "NOISE", default_value_t = 0.0, allow_hyphen_values = true, value_parser = noise)]
+    pub skip_below: f32,
+
+    /// What is left out with them: "approximate" (as much as is hardly visible) or "exact" (what the rest does not depend on)
+    #[arg(long, value_name = "M", default_value = "approximate", value_parser = parsed::<QuietMode>)]
+    pub skip_mode: QuietMode,
+
+    /// Separate file (or frame pattern) of the luminance's variance, for --skip-below; "none": use none
+    #[arg(long, value_name = "F", value_parser = feature)]
+    pub variance: Option<FeatureSource>,
+
+    /// Separate file (or frame pattern) of sample counts, for --skip-below; "none": use none
+    #[arg(long, value_name = "F", value_parser = feature)]
+    pub samples: Option<FeatureSource>,
+
     /// Reference file (or frame pattern): prints PSNR, SSIM and relMSE before and after
     #[arg(long, value_name = "REF.exr")]
     pub reference: Option<PathBuf>,
 
-    /// PNG with the noisy, the denoised and the reference image side by side; a directory for several inputs
+    /// PNG with the noisy, the denoised and the reference image side by side, and with --skip-below what was left out,
+    /// darkened; a directory for several inputs
     #[arg(long, value_name = "PREVIEW.png")]
     pub png: Option<PathBuf>,
 
@@ -117,6 +135,20 @@ fn exposure(text: &str) -> Result<Exposure, String> {
     match text.parse::<f32>() {
         Ok(factor) if factor.is_finite() && factor > 0.0 => Ok(Exposure::Fixed(factor)),
         _ => Err("give \"auto\" or a number above 0".into()),
+    }
+}
+
+impl Args {
+    /// What is left out as it needs no denoising.
+    pub fn quiet(&self) -> Option<Quiet> {
+        (self.skip_below > 0.0).then_some(Quiet { threshold: self.skip_below, mode: self.skip_mode })
+    }
+}
+
+fn noise(text: &str) -> Result<f32, String> {
+    match text.parse::<f32>() {
+        Ok(noise) if noise.is_finite() && noise >= 0.0 => Ok(noise),
+        _ => Err("give a number, 0 or above".into()),
     }
 }
 

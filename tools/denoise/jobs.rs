@@ -31,6 +31,11 @@ pub fn plan(args: &Args) -> Result<Vec<Job>, Failure> {
         Some(FeatureSource::File(file)) => companion(file, input).map(FeatureSource::File),
         other => Ok(other.clone().unwrap_or_default()),
     };
+    // Layers that nobody asks for are not read.
+    let noise = |source: &Option<FeatureSource>, input: &FrameFile| match args.quiet() {
+        Some(_) => with(source, input),
+        None => Ok(FeatureSource::Unused),
+    };
     let job = |input: FrameFile| -> Result<Job, String> {
         Ok(Job {
             output: outputs.path(&input.path, "exr")?,
@@ -39,6 +44,8 @@ pub fn plan(args: &Args) -> Result<Vec<Job>, Failure> {
                 albedo: with(&args.albedo, &input)?,
                 normal: with(&args.normal, &input)?,
                 depth: with(&args.depth, &input)?,
+                variance: noise(&args.variance, &input)?,
+                samples: noise(&args.samples, &input)?,
             },
             reference: args.reference.as_deref().map(|file| companion(file, &input)).transpose()?,
             png: previews.as_ref().map(|target| target.path(&input.path, "png")).transpose()?,
@@ -91,7 +98,8 @@ impl<'a> Target<'a> {
 fn check_overwrites(jobs: &[Job], named: bool) -> Result<(), Failure> {
     let mut read: HashMap<PathBuf, &Path> = HashMap::new();
     for job in jobs {
-        let features = [&job.layers.albedo, &job.layers.normal, &job.layers.depth];
+        let layers = &job.layers;
+        let features = [&layers.albedo, &layers.normal, &layers.depth, &layers.variance, &layers.samples];
         let features = features.into_iter().filter_map(|source| match source {
             FeatureSource::File(file) => Some(file.as_path()),
             _ => None,

@@ -4,7 +4,8 @@ use image::{ExtendedColorType, ImageEncoder, codecs::png::PngEncoder};
 use std::borrow::Cow;
 use std::path::Path;
 use vkdenoise::exr_io::{ExrError, replace_file};
-use vkdenoise::{Extent, Region};
+use vkdenoise::kernels::quiet::MAP_TILE;
+use vkdenoise::{ActiveTiles, Extent, Region};
 
 /// The pixels of a region of an image of `extent`, interleaved RGB; all of them without one.
 pub fn cut(extent: Extent, region: Option<Region>, image: &[f32]) -> Cow<'_, [f32]> {
@@ -14,6 +15,18 @@ pub fn cut(extent: Extent, region: Option<Region>, image: &[f32]) -> Cow<'_, [f3
     let rows = region.y as usize..region.bottom() as usize;
     rows.flat_map(|y| &image[y * row + first..][..length]).copied().collect::<Vec<_>>().into()
 }
+
+/// An image of `extent` with what was left out darkened.
+pub fn dim(extent: Extent, active: &ActiveTiles, image: &[f32]) -> Vec<f32> {
+    let columns = active.size.columns as usize;
+    let square =
+        |i: usize| (i % extent.width as usize / MAP_TILE as usize, i / extent.width as usize / MAP_TILE as usize);
+    let share = |(x, y): (usize, usize)| if active.map[y * columns + x] { 1.0 } else { DIMMED };
+    image.iter().enumerate().map(|(i, sample)| sample * share(square(i / 3))).collect()
+}
+
+/// What is left of the light where nothing was denoised.
+const DIMMED: f32 = 0.1;
 
 /// Writes images of one size (interleaved RGB) side by side: times `exposure`, gamma 2.2, 8 bits.
 pub fn write(path: &Path, extent: Extent, exposure: f32, images: &[&[f32]]) -> Result<(), ExrError> {

@@ -6,7 +6,7 @@ use serde::Serialize;
 use std::io::Write;
 use vkdenoise::exr_io::{Selection, UsedLayer};
 use vkdenoise::metrics::Comparison;
-use vkdenoise::{Error, Extent, Region, Report};
+use vkdenoise::{ActiveTiles, Error, Extent, Part, Region, Report};
 
 /// The figures of one image against a reference.
 pub struct Figures {
@@ -35,6 +35,8 @@ pub struct Outcome<'a> {
     pub network: String,
     pub precision: String,
     pub report: &'a Report,
+    /// What was denoised, where quiet squares are left out.
+    pub active: Option<&'a ActiveTiles>,
     pub selection: &'a Selection,
     /// Before and after, if there is a reference.
     pub figures: Option<[Figures; 2]>,
@@ -46,6 +48,16 @@ struct Layers {
     albedo: Option<String>,
     normal: Option<String>,
     depth: Option<String>,
+    variance: Option<String>,
+    samples: Option<String>,
+}
+
+/// How much of a part of the network ran.
+#[derive(Serialize)]
+struct PartRecord {
+    stage: String,
+    tile_pixels: u32,
+    share: f64,
 }
 
 /// The fields of `--json`. Figures that are infinite (equal images) or not numbers are null.
@@ -59,6 +71,11 @@ struct Record<'a> {
     region: Option<[u32; 4]>,
     /// Share of the whole image's work that was done.
     work: f64,
+    /// Share of the squares that were denoised; null without `--skip-below`.
+    denoised: Option<f64>,
+    /// The parts of the network, each with the share of its tiles that were active.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    active: Vec<PartRecord>,
     device: &'a str,
     driver: &'a str,
     network: &'a str,
@@ -93,6 +110,15 @@ impl Outcome<'_> {
             height: self.extent.height,
             region: self.region.map(|Region { x, y, width, height }| [x, y, width, height]),
             work: self.report.work,
+            denoised: self.active.map(|active| active.denoised(self.extent)),
+            active: self.active.map_or(Vec::new(), |active| {
+                let record = |(at, (part, _)): (usize, &(Part, u32))| PartRecord {
+                    stage: part.stage.to_string(),
+                    tile_pixels: part.tile_pixels,
+                    share: active.share(at),
+                };
+                active.parts.iter().enumerate().map(record).collect()
+            }),
             device: self.device,
             driver: self.driver,
             network: &self.network,
@@ -106,6 +132,8 @@ impl Outcome<'_> {
                 albedo: name(&self.selection.albedo),
                 normal: name(&self.selection.normal),
                 depth: name(&self.selection.depth),
+                variance: name(&self.selection.variance),
+                samples: name(&self.selection.samples),
             },
             figures: self.figures.as_ref().map(|[noisy, denoised]| FigureRecord {
                 psnr_noisy: noisy.psnr,
@@ -141,8 +169,12 @@ impl Outcome<'_> {
         let part = self.region.map_or(String::new(), |Region { x, y, width, height }| {
             format!("{width} x {height} from ({x}, {y}), {:.1} % of the work, of ", 100.0 * report.work)
         });
+        let quiet = self.active.map_or(String::new(), |active| {
+            let denoised = 100.0 * active.denoised(self.extent);
+            format!(", {denoised:.1} % of it denoised for {:.1} % of the work", 100.0 * report.work)
+        });
         format!(
-            "{}: {part}{width} x {height}, exposure {:.4}, {} {} in {:.1} ms{gpu} ({})",
+            "{}: {part}{width} x {height}{quiet}, exposure {:.4}, {} {} in {:.1} ms{gpu} ({})",
             self.job.output.display(),
             report.exposure,
             self.network,
@@ -162,6 +194,9 @@ pub fn selection_text(job: &Job, selection: &Selection) -> String {
             Some(layer) => text.push_str(&format!(", {role} {layer}")),
             None => text.push_str(&format!(", no {role}")),
         }
+    }
+    for (role, layer) in [("variance", &selection.variance), ("samples", &selection.samples)] {
+        layer.iter().for_each(|layer| text.push_str(&format!(", {role} {layer}")));
     }
     selection.notes.iter().for_each(|note| text.push_str(&format!("\n{input}: {note}")));
     text

@@ -91,6 +91,7 @@ impl Engine {
             exposure: *exposure,
             blend: *blend,
             memory_budget: memory_budget.map(|mib| mib << 20),
+            quiet: args.quiet(),
             ..Options::default()
         };
         let mut denoiser = match args.tune {
@@ -134,13 +135,17 @@ impl Session<'_> {
                 None => image.write_with_color(&job.output, &color)?,
             }
         }
+        let active = engine.denoiser.active_tiles().cloned();
         let size = region.map_or(extent, |region| Extent::new(region.width, region.height));
         let cut = |image| preview::cut(extent, region, image);
         let (noisy, denoised) = (cut(image.color()), cut(&color));
         let reference = reference.as_ref().map(|reference| cut(reference.color()));
         if let Some(png) = &job.png {
+            let dimmed = active.as_ref().map(|active| preview::dim(extent, active, &color));
+            let dimmed = dimmed.as_deref().map(|dimmed| preview::cut(extent, region, dimmed));
             let mut images = vec![&*noisy, &*denoised];
             images.extend(reference.as_deref());
+            images.extend(dimmed.as_deref());
             let _whole = interrupt::hold_off();
             preview::write(png, size, report.exposure, &images)?;
         }
@@ -161,6 +166,7 @@ impl Session<'_> {
             network: self.weights.arch().name.clone(),
             precision,
             report: &report,
+            active: active.as_ref(),
             selection: image.selection(),
             figures,
         })

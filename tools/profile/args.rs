@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use vkdenoise::kernels::winograd::WinogradTile;
 use vkdenoise::net::{Arch, Folds};
 use vkdenoise::plan::{ConvAlgorithm, SeparableForm};
-use vkdenoise::{DeviceSelector, Extent, Precision, Region};
+use vkdenoise::{DeviceSelector, Extent, Precision, QuietMode, Region};
 
 /// Where the time goes: networks, blocks and convolutions, kernel by kernel, by timestamps in the command buffer.
 ///
@@ -45,6 +45,12 @@ pub enum Command {
         /// Denoise these pixels alone: left column, top row, width, height
         #[arg(long, value_name = "X,Y,W,H")]
         region: Option<Region>,
+        /// Have sample counts say that this share of the frame's rows needs no denoising, from 0 to 1
+        #[arg(long, value_name = "SHARE", value_parser = share)]
+        quiet: Option<f64>,
+        /// How that is left out: exact or approximate
+        #[arg(long, value_name = "M", default_value = "approximate", value_parser = quiet_mode, requires = "quiet")]
+        quiet_mode: QuietMode,
         /// Albedo, normal and depth of the frame
         #[arg(long, value_name = "F", default_value = "all")]
         features: Given,
@@ -140,6 +146,8 @@ pub enum Separable {
     TwoKernels,
     /// Both in one kernel
     Fused,
+    /// Both in one kernel where the result has no more channels than a workgroup computes
+    Narrow,
 }
 
 impl From<Separable> for SeparableForm {
@@ -147,6 +155,7 @@ impl From<Separable> for SeparableForm {
         match separable {
             Separable::TwoKernels => Self::TwoKernels,
             Separable::Fused => Self::Fused,
+            Separable::Narrow => Self::Narrow,
         }
     }
 }
@@ -183,6 +192,17 @@ pub struct Output {
     /// Draw the kernels under the roofline
     #[arg(long, value_name = "FILE.svg")]
     pub plot: Option<PathBuf>,
+}
+
+fn share(text: &str) -> Result<f64, String> {
+    match text.parse() {
+        Ok(share) if (0.0..=1.0).contains(&share) => Ok(share),
+        _ => Err("give a number from 0 to 1".into()),
+    }
+}
+
+fn quiet_mode(text: &str) -> Result<QuietMode, String> {
+    text.parse().map_err(|error: vkdenoise::Error| error.to_string())
 }
 
 fn precision(text: &str) -> Result<Precision, String> {

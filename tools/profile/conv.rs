@@ -57,8 +57,9 @@ pub fn conv(session: &Session, extent: Extent, channels: u32, output: &Output) -
     let mut run: Vec<KernelRecord> = Vec::new();
     for result in &results {
         let end = run.last().map_or(0.0, |last| last.start + last.microseconds);
-        let shifted = |record: &KernelRecord| KernelRecord { start: record.start + end, ..record.clone() };
-        run.extend(export::middle(&result.runs).iter().map(shifted));
+        let mut records = export::middle(&result.runs).to_vec();
+        records.iter_mut().for_each(|record| record.start += end);
+        run.append(&mut records);
     }
     export::files(&title, &run, &rows, output)?;
     if let Some(path) = &output.plot {

@@ -10,7 +10,8 @@ use serde_json::json;
 use vkdenoise::net::{Arch, DepthRule, ExposureRule, Preprocessing};
 use vkdenoise::vk::statistics::PipelineStatistic;
 use vkdenoise::{
-    Denoiser, Error, Extent, Features, Frame, KernelRecord, Layout, Options, Plane, PlaneMut, Region, Report, Weights,
+    ActiveTiles, Denoiser, Error, Extent, Features, Frame, KernelRecord, Layout, Noise, NoiseKind, Options, Part,
+    Plane, PlaneMut, Quiet, QuietMode, Region, Report, Weights,
 };
 
 /// What the passes measured.
@@ -25,6 +26,10 @@ pub struct Measured {
     pub profiled_cpu: Option<Summary>,
     /// Share of the FLOPs of a whole frame with all features.
     pub work: f64,
+    /// Milliseconds of the pass, and of its CPU time, with nothing left out that is quiet; where something is.
+    pub all: Option<(Summary, Option<Summary>)>,
+    /// What was denoised then.
+    pub active: Option<ActiveTiles>,
     /// Share of a profiled pass that its kernels take.
     pub kernels_share: Summary,
     /// The kernels of every profiled run.
@@ -38,13 +43,15 @@ pub struct Subject {
     pub extent: Extent,
     pub options: Options,
     pub region: Option<Region>,
+    /// The share of the rows that need no denoising, and how they are left out.
+    pub quiet: Option<(f64, QuietMode)>,
     pub features: Given,
 }
 
 impl Subject {
     /// A whole frame with everything.
     pub fn whole(extent: Extent) -> Self {
-        Self { extent, options: Options::default(), region: None, features: Given::All }
+        Self { extent, options: Options::default(), region: None, quiet: None, features: Given::All }
     }
 }
 
@@ -56,9 +63,12 @@ pub fn weights(arch: &Arch) -> Result<Weights, Error> {
 
 /// Runs a network on a frame; plain and profiled passes in turn, where `profile` and the device allow.
 pub fn measure(session: &Session, arch: &Arch, subject: &Subject, profile: bool) -> Result<Measured, Error> {
-    let Subject { extent, region, features: given, .. } = *subject;
+    let Subject { extent, region, features: given, quiet: left_out, .. } = *subject;
     let options = Options { keep_features: given == Given::Unchanged, ..subject.options };
-    let mut denoiser = Denoiser::new(&session.device, &weights(arch)?, &options)?;
+    let quiet = left_out.map(|(_, mode)| Quiet { threshold: 0.1, mode });
+    let weights = weights(arch)?;
+    let mut denoiser = Denoiser::new(&session.device, &weights, &Options { quiet, ..options })?;
+    let mut whole = quiet.map(|_| Denoiser::new(&session.device, &weights, &options)).transpose()?;
     let pixels = extent.pixels() as usize;
     // Any picture does as well.
     let noise = |i: usize| (i.wrapping_mul(2_654_435_761) >> 16 & 0xffff) as f32 / 65536.0;
@@ -70,14 +80,25 @@ pub fn measure(session: &Session, arch: &Arch, subject: &Subject, profile: bool)
         albedo: Some(Plane::f32(&color, rgb)),
         normal: Some(Plane::f32(&color, rgb)),
         depth: Some(Plane::f32(&depth, Layout::interleaved(extent, 1))),
+        noise: None,
     };
+    // The upper rows have one sample a pixel.
+    let noisy = left_out.map_or(0, |(share, _)| ((1.0 - share) * f64::from(extent.height)).round() as usize);
+    let counts: Vec<f32> = (0..pixels).map(|i| if i / (extent.width as usize) < noisy { 1.0 } else { 1e6 }).collect();
+    let noise = Noise { plane: Plane::f32(&counts, Layout::interleaved(extent, 1)), kind: NoiseKind::Samples };
     let features = if given == Given::None { Features::default() } else { all };
+    let features = Features { noise: Some(noise), ..features };
     let frame = Frame { extent, color: Plane::f32(&color, rgb), features };
     if given == Given::Unchanged {
         denoiser.denoise(&frame, PlaneMut::f32(&mut output, rgb))?;
         denoiser.set_features_unchanged(true);
     }
     denoiser.set_region(region);
+    if let Some(whole) = &mut whole {
+        whole.set_region(region);
+    }
+    let mut second = vec![0.0; if whole.is_some() { 3 * pixels } else { 0 }];
+    let (mut all_ms, mut all_cpu) = (Vec::new(), Vec::new());
     let mut work = 1.0;
     let profile = profile && session.device.has_timestamps();
     let mut run = |profile: bool| -> Result<(f64, Vec<KernelRecord>), Error> {
@@ -90,10 +111,18 @@ pub fn measure(session: &Session, arch: &Arch, subject: &Subject, profile: bool)
     let (mut cpu, mut profiled_cpu) = (Vec::new(), Vec::new());
     for turn in 0..session.warm_up + session.repeat {
         let ((ms, _), plain_cpu) = session.cpu_ms(|| run(false))?;
+        let all = match &mut whole {
+            Some(whole) => Some(session.cpu_ms(|| whole.denoise(&frame, PlaneMut::f32(&mut second, rgb)))?),
+            None => None,
+        };
         let with = if profile { Some(session.cpu_ms(|| run(true))?) } else { None };
         if turn >= session.warm_up {
             plain.push(ms);
             cpu.extend(plain_cpu);
+            if let Some((report, whole_cpu)) = all {
+                all_ms.push(report.gpu_ms.unwrap_or(report.total_ms));
+                all_cpu.extend(whole_cpu);
+            }
             if let Some(((ms, records), with_cpu)) = with {
                 profiled.push(ms);
                 profiled_cpu.extend(with_cpu);
@@ -111,6 +140,8 @@ pub fn measure(session: &Session, arch: &Arch, subject: &Subject, profile: bool)
         profiled: Summary::of(&profiled),
         profiled_cpu: optional(&profiled_cpu),
         work,
+        all: optional(&all_ms).map(|ms| (ms, optional(&all_cpu))),
+        active: denoiser.active_tiles().cloned(),
         kernels_share: Summary::of(&shares),
         runs,
         statistics,
@@ -142,6 +173,7 @@ pub fn network(session: &Session, name: &str, subject: &Subject, output: &Output
         let report = json!({
             "session": session.header(), "network": name, "width": extent.width, "height": extent.height,
             "region": subject.region.map(|Region { x, y, width, height }| [x, y, width, height]), "work": measured.work,
+            "quiet": measured.active.as_ref().map(|active| quiet_json(&measured, active, extent)),
             "pass_ms": measured.plain, "pass_cpu_ms": measured.cpu,
             "profiled_pass_ms": measured.profiled, "profiled_pass_cpu_ms": measured.profiled_cpu, "kernels_ms": kernels_ms, "kernels_share": measured.kernels_share,
             "kernels": rows, "by_stage": by_stage, "by_kernel": by_kernel,
@@ -154,6 +186,23 @@ pub fn network(session: &Session, name: &str, subject: &Subject, output: &Output
     let Summary { median, min, spread } = measured.plain;
     if measured.work < 1.0 {
         print!("{:.1} % of the work of a whole frame with all features; ", 100.0 * measured.work);
+    }
+    if let (Some(active), Some((all, all_cpu))) = (&measured.active, &measured.all) {
+        let saved = |own: f64, all: f64| 100.0 * (1.0 - own / all);
+        print!(
+            "{:.1} % of the squares denoised; {:.1} % of {:.2} ms saved",
+            100.0 * active.denoised(extent),
+            saved(median, all.median),
+            all.median
+        );
+        if let (Some(own), Some(all)) = (measured.cpu, all_cpu) {
+            print!(" ({:.1} % of CPU time)", saved(own.median, all.median));
+        }
+        println!("\nactive tiles:");
+        for (at, (part, count)) in active.parts.iter().enumerate() {
+            let Part { stage, tile_pixels, tiles } = part;
+            println!("  {stage:10} {tile_pixels:4} pixels {:6.1} %  {count} of {tiles}", 100.0 * active.share(at));
+        }
     }
     print!("whole pass {median:.2} ms (min {min:.2}, spread {spread:.2})");
     if !rows.is_empty() {
@@ -176,6 +225,18 @@ pub fn network(session: &Session, name: &str, subject: &Subject, output: &Output
         println!("{variant}, {executable}: {name} {value}");
     }
     Ok(())
+}
+
+fn quiet_json(measured: &Measured, active: &ActiveTiles, extent: Extent) -> serde_json::Value {
+    let part = |(at, (part, count)): (usize, &(Part, u32))| {
+        let Part { stage, tile_pixels, tiles } = part;
+        json!({ "stage": stage.to_string(), "tile_pixels": tile_pixels, "active": count, "tiles": tiles, "share": active.share(at) })
+    };
+    let (all, all_cpu) = measured.all.map_or((None, None), |(all, cpu)| (Some(all), cpu));
+    json!({
+        "denoised": active.denoised(extent), "parts": active.parts.iter().enumerate().map(part).collect::<Vec<_>>(),
+        "whole_pass_ms": all, "whole_pass_cpu_ms": all_cpu,
+    })
 }
 
 fn statistic_json(statistic: &PipelineStatistic) -> serde_json::Value {

@@ -87,6 +87,7 @@ impl Scene {
                 albedo: self.albedo.as_deref().map(|samples| Plane::f32(samples, rgb)),
                 normal: self.normal.as_deref().map(|samples| Plane::f32(samples, rgb)),
                 depth: self.depth.as_deref().map(|samples| Plane::f32(samples, Layout::interleaved(self.extent, 1))),
+                noise: None,
             },
         }
     }

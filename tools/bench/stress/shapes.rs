@@ -99,8 +99,12 @@ fn strides(subject: &mut Subject, effort: Effort) -> Result<Vec<Measured>> {
             true => Plane::f16(&halves[i], layout),
             false => Plane::f32(&planes[i], layout),
         };
-        let features =
-            Features { albedo: Some(view(1, three.0)), normal: Some(view(2, three.0)), depth: Some(view(3, one.0)) };
+        let features = Features {
+            albedo: Some(view(1, three.0)),
+            normal: Some(view(2, three.0)),
+            depth: Some(view(3, one.0)),
+            noise: None,
+        };
         let frame = Frame { extent, color: view(0, three.0), features };
         let mut output = vec![SENTINEL; three.1];
         engine.denoiser.denoise(&frame, PlaneMut::f32(&mut output, three.0))?;
