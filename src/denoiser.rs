@@ -6,12 +6,14 @@ use crate::frame::{Extent, Features, Frame, PlaneMut, Region, check_in_place};
 use crate::host::HostPass;
 use crate::kernels::Storage;
 use crate::memory::MemoryRequired;
+use crate::net::Folds;
 use crate::net::weights::Weights;
 use crate::pass::{FrameOptions, Pass};
 use crate::plan::active::ActiveTiles;
 use crate::plan::quiet::QuietMode;
-use crate::plan::{ConvAlgorithm, SeparableForm};
+use crate::plan::{ConvAlgorithm, ConvTable, SeparableForm};
 use crate::profile::KernelRecord;
+use crate::tune;
 use crate::vk::device::Device;
 use crate::vk::statistics::PipelineStatistic;
 use crate::vk::timestamps::Timestamps;
@@ -84,6 +86,9 @@ pub struct Options {
     pub exposure: Exposure,
     /// Share of the noisy colour in the host path's result, 0 (all denoised) to 1 (all noisy).
     pub blend: f32,
+    /// Which of the network's operations are folded into others: the same result but for rounding, for less work. `None`: all
+    /// that can be.
+    pub folds: Option<Folds>,
     /// How dense 3x3 convolutions are computed; `None`: as suits the device.
     pub conv: Option<ConvAlgorithm>,
     /// How separable convolutions are; `None`: as suits the device.
@@ -165,12 +170,42 @@ impl Denoiser {
         Self::with_kernels(device, weights, options, engine::prefers_cpu_kernels(device))
     }
 
-    /// The same, with or without the kernels shaped for CPU drivers.
+    /// The same, with every dense 3x3 convolution in the form that is fastest on this device for frames of about this size: as
+    /// the device's [`Cache`](crate::Cache) has it, else measured now, which takes some passes of every form, and kept there. The size class
+    /// is that of powers of two of pixels; frames of every other size can be denoised too, with the forms of this one.
+    ///
+    /// Forms differ in rounding: the bits of a result are those of the set of forms ([`Denoiser::conv_table`]), the same for
+    /// regions and unchanged features as for the whole frame. Another measurement may choose another set.
+    ///
+    /// # Errors
+    /// As [`Denoiser::new`]. Where the cache has nothing: [`Error::Unsupported`] on a device without timestamps,
+    /// [`Error::Binding`] on a renderer's device, and what [`Denoiser::denoise`] fails with.
+    pub fn tuned(device: &Device, weights: &Weights, options: &Options, extent: Extent) -> Result<Self> {
+        let table = tune::conv_table(device, weights, options, extent)?;
+        Self::with_choices(device, weights, options, engine::prefers_cpu_kernels(device), table)
+    }
+
+    /// The forms of convolutions that were measured; empty without [`Denoiser::tuned`].
+    pub fn conv_table(&self) -> ConvTable {
+        self.engine.plan_options.conv_table
+    }
+
+    /// As [`Denoiser::new`], with or without the kernels shaped for CPU drivers.
     pub(crate) fn with_kernels(device: &Device, weights: &Weights, options: &Options, cpu: bool) -> Result<Self> {
+        Self::with_choices(device, weights, options, cpu, ConvTable::default())
+    }
+
+    fn with_choices(
+        device: &Device,
+        weights: &Weights,
+        options: &Options,
+        cpu: bool,
+        table: ConvTable,
+    ) -> Result<Self> {
         let frame = FrameOptions { exposure: options.exposure, blend: options.blend, ..FrameOptions::default() };
         frame.check()?;
         options.quiet.map_or(Ok(()), |quiet| quiet.check())?;
-        let mut engine = Engine::new(device, weights, options)?;
+        let mut engine = Engine::new(device, weights, options, table)?;
         engine.cpu = cpu;
         engine.matrix = engine::wants_matrices(device, options.precision)?;
         Ok(Self { engine: Arc::new(engine), options: frame, profiling: false, host: None })

@@ -6,10 +6,11 @@ use crate::frame::Extent;
 use crate::kernels::contract::Need;
 use crate::kernels::{Storage, Variants};
 use crate::memory;
+use crate::net::Folds;
 use crate::net::graph::Graph;
 use crate::net::weights::{ExposureRule, Weights, WeightsError};
-use crate::plan::{Place, Plan, PlanOptions, max_chain_bytes, plan};
-use crate::record::Pipelines;
+use crate::pipelines::Pipelines;
+use crate::plan::{ConvTable, Place, Plan, PlanOptions, max_chain_bytes, plan};
 use crate::vk::caps::{DeviceKind, TEXEL_BYTES};
 use crate::vk::device::Device;
 use crate::vk::memory::Buffer;
@@ -36,12 +37,15 @@ pub(crate) struct Engine {
 }
 
 impl Engine {
-    pub fn new(device: &Device, weights: &Weights, options: &Options) -> Result<Self> {
+    /// `conv_table` has the forms of convolutions that were measured.
+    pub fn new(device: &Device, weights: &Weights, options: &Options, conv_table: ConvTable) -> Result<Self> {
         let storage = wanted_storage(device, options.precision)?;
         let plan_options = PlanOptions {
             max_block_bytes: Self::max_block_bytes(device),
             // No other form is faster on every device measured.
+            folds: options.folds.unwrap_or(Folds::ALL),
             conv: options.conv.unwrap_or_default(),
+            conv_table,
             separable: options.separable.unwrap_or_default(),
             max_chain_bytes: options.max_chain_bytes.unwrap_or(max_chain_bytes(storage)),
             keep_features: options.keep_features,

@@ -3,14 +3,14 @@
 mod common;
 
 use common::case::PREPROCESSING;
-use common::compare::nmse;
+use common::compare::{max_error, nmse};
 use common::device::{assert_no_validation_messages, device};
-use common::network::{crop, plan_of};
+use common::network::{crop, plan_with};
 use common::planes::TestFrame;
 use vkdenoise::kernels::Call;
 use vkdenoise::kernels::winograd::WinogradTile;
-use vkdenoise::net::{Arch, Block, Convolution, Weights};
-use vkdenoise::plan::{ConvAlgorithm, SeparableForm};
+use vkdenoise::net::{Arch, Block, Convolution, Folds, Weights};
+use vkdenoise::plan::{ConvAlgorithm, Plan, SeparableForm};
 use vkdenoise::reference::Reference;
 use vkdenoise::testing::denoise_and_read;
 use vkdenoise::{Denoiser, Extent, Layout, Options, PlaneMut, Region};
@@ -59,6 +59,40 @@ fn bands_have_the_bits_of_the_whole() {
     assert_no_validation_messages();
 }
 
+/// Against the f64 reference of what is not folded, at sizes that need some padding and none.
+#[test]
+fn folds_are_exact() {
+    let none = Folds::NONE;
+    let one_by_one =
+        [none, Folds { unembed: true, ..none }, Folds { skip: true, ..none }, Folds { unread: true, ..none }];
+    for (name, extent, folds) in [
+        ("hybrid", Extent::new(128, 256), &one_by_one[..]),
+        ("hybrid", Extent::new(70, 45), &[Folds::ALL]),
+        ("expanded_patch", Extent::new(128, 128), &[Folds::ALL]),
+        ("three_stage", Extent::new(64, 100), &[Folds::ALL]),
+    ] {
+        let frame = TestFrame::random(extent, 5);
+        let weights = Weights::hashed(&Arch::named(name).unwrap(), PREPROCESSING, 6).unwrap();
+        let plain = plan_with(&weights, extent, none);
+        let mut reference = Reference::new(&plain, &weights).unwrap();
+        reference.set_frame(&frame.frame(), None, 0.0).unwrap();
+        reference.run();
+        let expected = crop(&reference.view(&plain.residual), plain.padded, plain.padded);
+        for folds in folds {
+            let options = Options { folds: Some(*folds), ..Options::default() };
+            let mut denoiser = Denoiser::new(device(), &weights, &options).unwrap();
+            let (found, plan) = denoise_and_read(&mut denoiser, &frame.frame(), |plan| plan.residual.buffer).unwrap();
+            let flops = |plan: &Plan| plan.dispatches.iter().map(|dispatch| dispatch.flops).sum::<u64>();
+            assert_eq!(flops(&plan) < flops(&plain), *folds != none, "{name}: {folds:?}");
+            let found = crop(&found, plan.padded, plan.padded);
+            let (nmse, largest) = (nmse(&found, &expected), max_error(&found, &expected));
+            println!("{name}, {folds:?}: NMSE {nmse:.1e}, largest error {largest:.1e}");
+            assert!(nmse <= NETWORK_LIMIT && largest <= 1e-4, "{name}, {folds:?}: {nmse:.1e}, {largest:.1e}");
+        }
+    }
+    assert_no_validation_messages();
+}
+
 #[test]
 fn every_form_is_the_reference() {
     let frame = TestFrame::random(Extent::new(70, 45), 5);
@@ -67,7 +101,7 @@ fn every_form_is_the_reference() {
     arch.stages[0].block = Block::FilmCnn { conv: Convolution::Separable };
     for arch in [Arch::hybrid(), arch] {
         let weights = Weights::hashed(&arch, PREPROCESSING, 6).unwrap();
-        let plain = plan_of(&weights, frame.extent);
+        let plain = plan_with(&weights, frame.extent, Folds::NONE);
         let mut reference = Reference::new(&plain, &weights).unwrap();
         reference.set_frame(&frame.frame(), None, 0.0).unwrap();
         reference.run();

@@ -8,10 +8,11 @@ use vkdenoise::kernels::expand::Expand;
 use vkdenoise::kernels::film::{FilmVector, TokenSum};
 use vkdenoise::kernels::maps::{Depthwise3x3, LayerNorm};
 use vkdenoise::kernels::separable::Separable3x3;
+use vkdenoise::kernels::unembed::Unembed;
 use vkdenoise::kernels::window_attention::WindowAttention;
 use vkdenoise::kernels::winograd::{Winograd3x3, WinogradTile};
 use vkdenoise::kernels::{Activation, BufferId, Call, Shuffle, Storage, Tiles, View};
-use vkdenoise::net::{Block, Convolution, LinearPart, LinearWeight};
+use vkdenoise::net::{Block, ConvWeight, Convolution, LinearPart, LinearWeight};
 use vkdenoise::plan::pack::Pack;
 
 const ACTIVATIONS: [Activation; 3] = [Activation::None, Activation::Relu, Activation::LeakyRelu];
@@ -47,7 +48,7 @@ fn add_conv_by(
     let (width, height) = size(cases, unit);
     let channels = outputs.next_multiple_of(4);
     let bias = cases.random.coin();
-    let (weight, phases) = ("bottleneck.0.ffn.expand".to_owned(), shuffle == Shuffle::Shuffle);
+    let (weight, phases) = (ConvWeight::Tensor("bottleneck.0.ffn.expand".into()), shuffle == Shuffle::Shuffle);
     let pack = match tile {
         None => Pack::Conv3x3 { weight, bias, inputs, outputs, shuffle: phases },
         Some(tile) => Pack::Winograd3x3 { weight, bias, inputs, outputs, shuffle: phases, tile },
@@ -126,6 +127,27 @@ fn conv3x3_with_shuffles() {
             }
         }
         cases.check("conv3x3 with shuffles", limit);
+    }
+}
+
+/// Down to maps of one tile, every token of which but those in the middle is near a border.
+#[test]
+fn unembed() {
+    for (storage, limit) in [(Storage::F32, KERNEL_LIMIT), (Storage::F16, KERNEL_LIMIT)] {
+        for base in [8, 24, 32] {
+            let mut cases = map_cases(base);
+            for _ in 0..8 {
+                let size = size(&mut cases, 8);
+                cases.storage = storage;
+                let src = cases.map(size, base, 3.0);
+                cases.storage = Storage::F32;
+                let dst = cases.target((2 * size.0, 2 * size.1), 3);
+                let pack = Pack::Unembed { spread: "patch_unembed".into(), gather: "output".into(), inputs: base };
+                let call = Unembed { src, dst, weights: cases.pack(pack), tiles: cases.tiles(size) };
+                cases.add(Call::Unembed(call), dst.buffer);
+            }
+            cases.check(&format!("unembed of {base} channels"), limit);
+        }
     }
 }
 

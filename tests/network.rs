@@ -121,6 +121,7 @@ fn assert_every_dispatch(name: &str, frame: &TestFrame, weights: &Weights) {
         let kind = match &mut branch {
             Call::Conv3x3(k) => (k.residual.take(), "conv3x3").1,
             Call::Linear(k) => (k.residual.take(), "linear").1,
+            Call::Unembed(_) => "unembed",
             Call::Depthwise3x3(_) => "depthwise3x3",
             Call::LayerNorm(_) => "layer_norm",
             Call::WindowAttention(_) => "window_attention",

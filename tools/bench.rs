@@ -25,6 +25,7 @@ use std::io::BufRead;
 use std::path::PathBuf;
 use std::process::ExitCode;
 use std::time::Instant;
+use vkdenoise::net::Folds;
 use vkdenoise::{
     Denoiser, Device, DeviceSelector, Error, Extent, Features, Frame, Layout, Options, Plane, PlaneMut, Weights,
 };
@@ -93,6 +94,9 @@ struct Forms {
     /// Arithmetic and storage: auto, fp32, fp16 or matrix.
     #[arg(long, default_value = "auto")]
     precision: vkdenoise::Precision,
+    /// Which operations are folded into others: all, none, or some of unembed, skip and unread.
+    #[arg(long, default_value = "all")]
+    folds: Folds,
 }
 
 impl Forms {
@@ -100,6 +104,7 @@ impl Forms {
         Options {
             max_chain_bytes: self.max_chain_mib.map(|mib| mib << 20),
             precision: self.precision,
+            folds: Some(self.folds),
             ..Options::default()
         }
     }

@@ -59,6 +59,7 @@ fn run(command: Command) -> Result<(), Failure> {
         Command::Network {
             arch,
             size,
+            folds,
             conv,
             separable,
             precision,
@@ -70,7 +71,7 @@ fn run(command: Command) -> Result<(), Failure> {
             output,
         } => {
             let (conv, separable) = (conv.map(Into::into), separable.map(Into::into));
-            let options = Options { precision, conv, separable, ..Options::default() };
+            let options = Options { precision, folds: Some(folds), conv, separable, ..Options::default() };
             let quiet = quiet.map(|share| (share, quiet_mode));
             let subject = network::Subject { extent: size, options, region, quiet, features };
             network::network(&Session::open(&common)?, &arch, &subject, &output)

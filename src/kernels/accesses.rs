@@ -9,6 +9,7 @@ use super::expand::Expand;
 use super::film::{FilmVector, TokenSum};
 use super::maps::{Depthwise3x3, LayerNorm};
 use super::separable::Separable3x3;
+use super::unembed::Unembed;
 use super::window_attention::WindowAttention;
 use super::winograd::Winograd3x3;
 use super::{Call, TILE, Variants};
@@ -65,6 +66,7 @@ impl Call {
             Self::Linear(k) => linear(k, contract),
             Self::Depthwise3x3(k) => depthwise3x3(k, contract),
             Self::Separable3x3(k) => separable3x3(k, contract),
+            Self::Unembed(k) => unembed(k, contract),
             Self::LayerNorm(k) => layer_norm(k),
             Self::WindowAttention(k) => window_attention(k),
             Self::Expand(k) => expand(k),
@@ -175,6 +177,15 @@ fn depthwise3x3(call: &Depthwise3x3, contract: &Contract) -> Accesses {
     let tiles = call.tiles.count(call.dst.width, call.dst.height);
     let invocations = u64::from(tiles) * u64::from(TILE * TILE) / (x * y) * u64::from(call.dst.channels / 4);
     Accesses::each(invocations, 10 + (x + 2) * (y + 2), x * y)
+}
+
+/// Away from the border, where the tokens of a tile take several sets of weights.
+fn unembed(call: &Unembed, contract: &Contract) -> Accesses {
+    let tokens = contract.define("TX");
+    let tiles = call.tiles.count(call.src.width, call.src.height);
+    let weights = if contract.has("WEIGHTS_SHARED") { 4 } else { 32 };
+    let loads = 1 + 4 * u64::from(call.src.channels / 4) * (tokens + 4 + weights);
+    Accesses::each(2 * u64::from(tiles) * u64::from(TILE * TILE) / tokens, loads, 2 * tokens)
 }
 
 fn layer_norm(call: &LayerNorm) -> Accesses {

@@ -1,7 +1,8 @@
 //! A kernel with its arguments, whichever it is.
 
 use super::{
-    Kernel, Tiles, View, dense, expand, film, frame_io, maps, quiet, separable, stats, window_attention, winograd,
+    Kernel, Tiles, View, dense, expand, film, frame_io, maps, quiet, separable, stats, unembed, window_attention,
+    winograd,
 };
 
 /// One kernel with its arguments.
@@ -17,6 +18,8 @@ pub enum Call {
     Depthwise3x3(maps::Depthwise3x3),
     /// Depthwise and pointwise convolution in one.
     Separable3x3(separable::Separable3x3),
+    /// Tokens of 2x2 to pixels.
+    Unembed(unembed::Unembed),
     /// Layer normalisation.
     LayerNorm(maps::LayerNorm),
     /// Joint window attention.
@@ -67,6 +70,7 @@ impl Call {
             Self::Separable3x3(k) => of(&k.pointwise.tiles, &k.pointwise.dst),
             Self::Linear(k) => of(&k.tiles, &k.dst),
             Self::Depthwise3x3(k) => of(&k.tiles, &k.dst),
+            Self::Unembed(k) => of(&k.tiles, &k.src),
             Self::LayerNorm(k) => of(&k.tiles, &k.dst),
             Self::WindowAttention(k) => of(&k.tiles, &k.dst),
             Self::Expand(k) => of(&k.tiles, &k.dst),
@@ -89,6 +93,7 @@ impl Call {
             Self::Separable3x3(k) => &mut k.pointwise.tiles,
             Self::Linear(k) => &mut k.tiles,
             Self::Depthwise3x3(k) => &mut k.tiles,
+            Self::Unembed(k) => &mut k.tiles,
             Self::LayerNorm(k) => &mut k.tiles,
             Self::WindowAttention(k) => &mut k.tiles,
             Self::Expand(k) => &mut k.tiles,
@@ -108,6 +113,7 @@ impl Call {
             Self::Separable3x3(k) => Some(&k.pointwise.dst),
             Self::Linear(k) => Some(&k.dst),
             Self::Depthwise3x3(k) => Some(&k.dst),
+            Self::Unembed(k) => Some(&k.dst),
             Self::LayerNorm(k) => Some(&k.dst),
             Self::Expand(k) => Some(&k.dst),
             Self::WindowAttention(k) => Some(&k.dst),
@@ -125,6 +131,7 @@ impl Call {
             Self::Winograd3x3(k) => Some(&k.conv.src),
             Self::Separable3x3(k) => Some(&k.depthwise.src),
             Self::Depthwise3x3(k) => Some(&k.src),
+            Self::Unembed(k) => Some(&k.src),
             _ => None,
         }
     }
@@ -137,6 +144,7 @@ impl Call {
             Self::Linear(k) => k,
             Self::Depthwise3x3(k) => k,
             Self::Separable3x3(k) => k,
+            Self::Unembed(k) => k,
             Self::LayerNorm(k) => k,
             Self::WindowAttention(k) => k,
             Self::Expand(k) => k,

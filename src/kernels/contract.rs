@@ -95,7 +95,7 @@ pub struct Contract {
 /// An optional device feature that a variant needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Need {
-    /// `subgroupShuffle` in compute shaders, at least 8 invocations a subgroup; `shaderInt64`; texel buffers that may
+    /// `subgroupShuffle` and `subgroupVote` in compute shaders, at least 8 invocations a subgroup; `shaderInt64`; texel buffers that may
     /// begin at every texel.
     CpuDriver,
     /// `storageBuffer16BitAccess`.
@@ -109,7 +109,9 @@ pub enum Need {
 impl std::fmt::Display for Need {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(match self {
-            Self::CpuDriver => "subgroupShuffle over 8 lanes, shaderInt64 and minTexelBufferOffsetAlignment 16",
+            Self::CpuDriver => {
+                "subgroupShuffle over 8 lanes, subgroupVote, shaderInt64 and minTexelBufferOffsetAlignment 16"
+            }
             Self::Storage16 => "storageBuffer16BitAccess",
             Self::Float16 => "shaderFloat16",
             Self::Matrix => "VK_KHR_cooperative_matrix of halves summed in 32-bit floats by a subgroup",

@@ -46,6 +46,15 @@ push_constants! {
 }
 
 push_constants! {
+    /// Tokens of 2x2 to pixels.
+    UnembedPush {
+        src: Address, dst: Address, weights: Address, tiles: Address,
+        width: U32, height: U32, src_stride: U32, channels: U32, dst_stride: U32,
+        first_tile: U32, tile_count: U32, flags: U32,
+    }
+}
+
+push_constants! {
     /// Layer normalisation of every token.
     LayerNormPush {
         src: Address, dst: Address, weights: Address, tiles: Address,
@@ -377,6 +386,13 @@ contracts! {
         /// Convolution to at most 4 channels, from a map of halves to one of 32-bit floats.
         CONV3X3_N4_FROM_F16 = "conv3x3_n4_from_f16" "conv3x3.comp" Conv3x3Push
             { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "1", "SRC_F16": "1" } &[], &[];
+        /// Tokens of 2x2 to pixels.
+        UNEMBED = "unembed" "unembed.comp" UnembedPush { "TX": "4" } &[], &[];
+        /// The same from a map of halves.
+        UNEMBED_FROM_F16 = "unembed_from_f16" "unembed.comp" UnembedPush { "TX": "4", "SRC_F16": "1" } &[], &[];
+        /// The same for CPU drivers, from a map of either.
+        UNEMBED_CPU = "unembed_cpu" "unembed.comp" UnembedPush
+            { "TX": "8", "WEIGHTS_SHARED": "1", "TEXELS": "1" } MAP_TEXELS, CPU;
         /// Convolution on cooperative matrices, stride 1.
         CONV3X3_MATRIX = "conv3x3_matrix" "conv3x3_matrix.comp" Conv3x3Push { "STRIDE": "1" } &[], MATRIX, MATRIX_CONSTANTS;
         /// Convolution on cooperative matrices, stride 2.

@@ -18,6 +18,7 @@ pub mod separable;
 pub mod spirv;
 pub mod stats;
 mod tiles;
+pub mod unembed;
 pub mod window_attention;
 pub mod winograd;
 

@@ -60,6 +60,12 @@ impl TokenRect {
         Self { right: self.right.min(width), bottom: self.bottom.min(height), ..*self }
     }
 
+    /// The tokens of a map of half the size that cover it.
+    pub fn halved(&self) -> Self {
+        let Self { left, top, right, bottom } = *self;
+        Self { left: left / 2, top: top / 2, right: right.div_ceil(2), bottom: bottom.div_ceil(2) }
+    }
+
     /// The least that begins and ends at multiples of `grain` and covers it.
     pub fn in_multiples_of(&self, grain: u32) -> Self {
         Self {

@@ -1,6 +1,8 @@
 //! The hand that writes a graph down: values and ops are appended, shapes of results follow from what is read.
 
-use super::graph::{Activation, LinearPart, LinearWeight, Op, OpKind, Shape, Shuffle, Slice, Stage, Value, ValueId};
+use super::graph::{
+    Activation, ConvWeight, LinearPart, LinearWeight, Op, OpKind, Shape, Shuffle, Slice, Stage, Value, ValueId,
+};
 
 /// A graph under construction.
 pub(super) struct Builder {
@@ -13,7 +15,7 @@ pub(super) struct Builder {
 /// A 3x3 convolution to append. `outputs` counts before the shuffle; without `into` a new value takes the result.
 pub(super) struct Conv {
     pub name: String,
-    pub weight: String,
+    pub weight: ConvWeight,
     pub input: Slice,
     pub outputs: u32,
     pub bias: bool,
@@ -30,7 +32,7 @@ impl Conv {
     pub fn new(name: &str, input: Slice, outputs: u32) -> Conv {
         Conv {
             name: name.into(),
-            weight: name.into(),
+            weight: ConvWeight::Tensor(name.into()),
             input,
             outputs,
             bias: true,

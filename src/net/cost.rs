@@ -56,6 +56,10 @@ pub fn op_flops(graph: &Graph, op: &Op, width: u32, height: u32) -> Flops {
             let (step, outputs) = (u64::from(stride * stride), u64::from(conv_outputs(*shuffle, *output)));
             Flops { dense: 2 * 9 * tokens(*input) / step * u64::from(input.channels) * outputs, ..none }
         }
+        OpKind::Unembed { input, output, .. } => {
+            // 16 tokens for each of a token's four pixels.
+            Flops { dense: 2 * 4 * 16 * tokens(*input) * u64::from(input.channels * output.channels), ..none }
+        }
         OpKind::Linear { weight, output, .. } => {
             let columns = weight.columns.len() as u64;
             Flops { pointwise: 2 * tokens(*output) * columns * u64::from(output.channels), ..none }

@@ -93,6 +93,23 @@ pub struct LinearWeight {
     pub bias: bool,
 }
 
+/// The weight of a 3x3 convolution, `[out, in, 3, 3]`.
+#[derive(Debug, Clone, PartialEq, Eq, Hash)]
+pub enum ConvWeight {
+    /// The tensor `<prefix>.weight`.
+    Tensor(String),
+    /// A convolution before a pixel shuffle and the Linear after it in one: in every phase of the shuffle the first columns
+    /// of the Linear's matrix times the convolution's weight.
+    Mixed {
+        /// Tensor prefix of the convolution, which has no bias.
+        conv: String,
+        /// Tensor prefix of the Linear.
+        linear: String,
+        /// Columns of the Linear's tensor.
+        columns: u32,
+    },
+}
+
 /// One tensor of a [`LinearWeight`].
 #[derive(Debug, Clone, PartialEq, Eq, Hash)]
 pub struct LinearPart {
@@ -110,9 +127,9 @@ pub enum OpKind {
     Conv3x3 {
         /// What it reads.
         input: Slice,
-        /// Tensor prefix; the weight is `[out, in, 3, 3]`.
-        weight: String,
-        /// Whether there is a bias.
+        /// The weight.
+        weight: ConvWeight,
+        /// Whether there is a bias, `<prefix>.bias` of a [`ConvWeight::Tensor`].
         bias: bool,
         /// Step between output tokens in input tokens: 1 or 2.
         stride: u32,
@@ -124,6 +141,18 @@ pub enum OpKind {
         film: Option<ValueId>,
         /// Added before the activation.
         residual: Option<Slice>,
+        /// What it writes.
+        output: Slice,
+    },
+    /// Pixels of tokens of 2x2: 3x3 convolution to four times the channels, pixel shuffle, 3x3 convolution to three channels,
+    /// all zero-padded by 1. Nothing nonlinear lies between: a pixel is one sum over 4x4 tokens.
+    Unembed {
+        /// What it reads.
+        input: Slice,
+        /// Tensor prefix of the first convolution, `[4 in, in, 3, 3]`, without bias.
+        spread: String,
+        /// Tensor prefix of the second, `[3, in, 3, 3]`, with bias.
+        gather: String,
         /// What it writes.
         output: Slice,
     },
@@ -305,6 +334,7 @@ impl Graph {
             OpKind::Depthwise3x3 { input, .. } | OpKind::LayerNorm { input, .. } | OpKind::FilmMean { input, .. } => {
                 vec![*input]
             }
+            OpKind::Unembed { input, .. } => vec![*input],
             OpKind::WindowAttention { x, f, .. } => vec![self.whole(*x), self.whole(*f)],
             OpKind::FilmVector { input, .. } => vec![self.whole(*input)],
         }
@@ -313,7 +343,7 @@ impl Graph {
     /// What `op` writes.
     pub fn writes(&self, op: &Op) -> Slice {
         match &op.kind {
-            OpKind::Conv3x3 { output, .. } | OpKind::Linear { output, .. } => *output,
+            OpKind::Conv3x3 { output, .. } | OpKind::Unembed { output, .. } | OpKind::Linear { output, .. } => *output,
             OpKind::Depthwise3x3 { output, .. }
             | OpKind::LayerNorm { output, .. }
             | OpKind::WindowAttention { output, .. }
@@ -333,8 +363,17 @@ impl Graph {
     fn op_tensors(&self, op: &Op) -> Vec<TensorSpec> {
         match &op.kind {
             OpKind::Conv3x3 { input, weight, bias, shuffle, output, .. } => {
-                let outputs = conv_outputs(*shuffle, *output);
-                affine(weight, &[outputs, input.channels, 3, 3], *bias)
+                let shape = [conv_outputs(*shuffle, *output), input.channels, 3, 3];
+                match weight {
+                    ConvWeight::Tensor(prefix) => affine(prefix, &shape, *bias),
+                    ConvWeight::Mixed { conv, linear, columns } => {
+                        [affine(conv, &shape, false), affine(linear, &[shape[0] / 4, *columns], false)].concat()
+                    }
+                }
+            }
+            OpKind::Unembed { input, spread, gather, output } => {
+                let spread = affine(spread, &[4 * input.channels, input.channels, 3, 3], false);
+                [spread, affine(gather, &[output.channels, input.channels, 3, 3], true)].concat()
             }
             OpKind::Linear { weight, .. } => {
                 let part = |p: &LinearPart| affine(&p.prefix, &[p.outputs, weight.inputs], weight.bias);

@@ -12,6 +12,7 @@ pub mod arch;
 mod blocks;
 mod builder;
 pub mod cost;
+mod fold;
 pub mod graph;
 mod hashed;
 mod named;
@@ -22,7 +23,9 @@ pub mod weights;
 mod weights_file;
 
 pub use arch::{Arch, ArchError, Block, Bottleneck, Convolution, Decoder, StageSpec};
+pub use fold::Folds;
 pub use graph::{
-    Activation, Graph, LinearPart, LinearWeight, Op, OpKind, Shape, Shuffle, Slice, Stage, TensorSpec, Value, ValueId,
+    Activation, ConvWeight, Graph, LinearPart, LinearWeight, Op, OpKind, Shape, Shuffle, Slice, Stage, TensorSpec,
+    Value, ValueId,
 };
 pub use weights::{DepthRule, ExposureRule, Preprocessing, Tensor, Weights, WeightsError};

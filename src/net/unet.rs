@@ -247,6 +247,7 @@ mod tests {
                         assert_eq!(graph.whole(*f).channels, heads * 2 * key_width, "{name}");
                         assert_eq!(output.channels, heads * value_width, "{name}");
                     }
+                    OpKind::Unembed { .. } => unreachable!("{name}: of folded graphs only"),
                     OpKind::Depthwise3x3 { input, .. } | OpKind::LayerNorm { input, .. } => {
                         assert_eq!((stride(*input), input.channels), (stride(output), output.channels), "{name}");
                     }

@@ -131,6 +131,7 @@ fn reach_of(graph: &Graph, op: &Op) -> Option<u32> {
     match &op.kind {
         OpKind::Conv3x3 { input, .. } => stride_of(graph, input.value),
         OpKind::Depthwise3x3 { input, .. } => stride_of(graph, input.value),
+        OpKind::Unembed { input, .. } => stride_of(graph, input.value).map(|stride| 2 * stride),
         OpKind::Linear { .. } | OpKind::LayerNorm { .. } => Some(0),
         OpKind::WindowAttention { .. } | OpKind::FilmMean { .. } | OpKind::FilmVector { .. } => None,
     }

@@ -1,11 +1,14 @@
 //! What a plan may choose: memory, and which of several lowerings an operation takes.
 
+use super::conv_table::ConvTable;
 use super::pack::Pack;
 use super::quiet::QuietMode;
 use crate::kernels::separable::Separable3x3;
 use crate::kernels::winograd::WinogradTile;
 use crate::kernels::{Call, Storage};
-use crate::net::graph::{Graph, OpKind, Shuffle};
+use crate::net::Folds;
+use crate::net::graph::{ConvWeight, Graph, OpKind, Shuffle};
+use serde::{Deserialize, Serialize};
 
 /// What a plan may choose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -19,8 +22,12 @@ pub struct PlanOptions {
     pub keep_features: bool,
     /// How quiet tiles are left out; `None`: none are.
     pub quiet: Option<QuietMode>,
+    /// Which operations are folded into others before anything else is chosen.
+    pub folds: Folds,
     /// How dense 3x3 convolutions are computed.
     pub conv: ConvAlgorithm,
+    /// How those of some shapes are, in the place of [`PlanOptions::conv`].
+    pub conv_table: ConvTable,
     /// How depthwise and pointwise convolutions that belong together are.
     pub separable: SeparableForm,
     /// How feature maps are stored. Log colour and residual are 32-bit floats always.
@@ -40,14 +47,16 @@ pub const fn max_chain_bytes(storage: Storage) -> u64 {
 }
 
 impl Default for PlanOptions {
-    /// No limit on memory, buffers share it; direct convolutions, two kernels.
+    /// No limit on memory, buffers share it; every fold; direct convolutions, two kernels.
     fn default() -> Self {
         Self {
             max_block_bytes: u64::MAX,
             keep_all: false,
             keep_features: false,
             quiet: None,
+            folds: Folds::ALL,
             conv: ConvAlgorithm::default(),
+            conv_table: ConvTable::default(),
             separable: SeparableForm::default(),
             storage: Storage::F32,
             max_chain_bytes: max_chain_bytes(Storage::F32),
@@ -56,7 +65,7 @@ impl Default for PlanOptions {
 }
 
 /// How dense 3x3 convolutions of stride 1 to more than four channels are computed. Others are direct.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum ConvAlgorithm {
     /// By the definition.
     #[default]
@@ -66,11 +75,11 @@ pub enum ConvAlgorithm {
 }
 
 impl ConvAlgorithm {
-    /// The tile for a convolution of this stride and so many outputs; `None`: direct.
-    pub(super) fn tile(self, stride: u32, outputs: u32) -> Option<WinogradTile> {
+    /// The tile; `None`: direct.
+    pub(super) fn tile(self) -> Option<WinogradTile> {
         match self {
-            Self::Winograd(tile) if stride == 1 && outputs > crate::kernels::dense::NARROW_CHANNELS => Some(tile),
-            _ => None,
+            Self::Winograd(tile) => Some(tile),
+            Self::Direct => None,
         }
     }
 }
@@ -98,13 +107,13 @@ pub(super) fn is_separable(graph: &Graph, at: usize) -> bool {
 
 /// The weights of a dense 3x3 convolution, as the kernel that was chosen reads them.
 pub(super) fn conv_pack(
-    weight: &str,
+    weight: &ConvWeight,
     bias: bool,
     (inputs, outputs): (u32, u32),
     shuffle: Shuffle,
     tile: Option<WinogradTile>,
 ) -> Pack {
-    let (weight, shuffle) = (weight.to_owned(), shuffle == Shuffle::Shuffle);
+    let (weight, shuffle) = (weight.clone(), shuffle == Shuffle::Shuffle);
     match tile {
         Some(tile) => Pack::Winograd3x3 { weight, bias, inputs, outputs, shuffle, tile },
         None => Pack::Conv3x3 { weight, bias, inputs, outputs, shuffle },

@@ -22,7 +22,8 @@ const MAX_SIDE: u32 = 1 << 18;
 /// # Errors
 /// [`Error::EmptyFrame`]; [`Error::FrameTooLarge`] where a map exceeds `max_block_bytes` or a side 262144 pixels.
 pub fn plan(graph: &Graph, extent: Extent, options: &PlanOptions) -> Result<Plan> {
-    let mut lowering = Lowering::new(graph, extent, padded(graph, extent)?, options);
+    let graph = graph.folded(options.folds);
+    let mut lowering = Lowering::new(&graph, extent, padded(&graph, extent)?, options);
     lowering.frame_in();
     lowering.ops();
     lowering.frame_out();
@@ -35,7 +36,8 @@ pub fn plan(graph: &Graph, extent: Extent, options: &PlanOptions) -> Result<Plan
 /// # Errors
 /// As [`plan`].
 pub fn plan_part(graph: &Graph, extent: Extent, options: &PlanOptions) -> Result<Plan> {
-    let mut lowering = Lowering::new(graph, extent, padded(graph, extent)?, options);
+    let graph = graph.folded(options.folds);
+    let mut lowering = Lowering::new(&graph, extent, padded(&graph, extent)?, options);
     let kept = [graph.color, graph.aux, graph.residual].map(|value| lowering.value(value));
     lowering.ops();
     lowering.finish(&kept).map_err(|bytes| map_too_large(extent, bytes, options))

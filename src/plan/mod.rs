@@ -5,6 +5,7 @@ pub mod active;
 mod arena;
 mod bands;
 mod choices;
+mod conv_table;
 mod featureless;
 mod features;
 mod hazards;
@@ -13,6 +14,7 @@ mod ops;
 pub mod pack;
 pub mod quiet;
 mod region;
+mod unembed;
 mod winograd;
 
 use crate::frame::Extent;
@@ -22,6 +24,7 @@ use crate::net::graph::Stage;
 use pack::Pack;
 
 pub use choices::{ConvAlgorithm, PlanOptions, SeparableForm, max_chain_bytes};
+pub use conv_table::{ConvShape, ConvTable};
 pub use lower::{plan, plan_part};
 
 /// Where a buffer of the plan lies.

@@ -2,10 +2,11 @@
 
 use super::SeparableForm;
 use super::choices::{conv_pack, fuse, is_separable};
+use super::conv_table::ConvShape;
 use super::lower::{Lowering, Partials};
 use super::pack::{Pack, linear_outputs};
 use crate::kernels::winograd::Winograd3x3;
-use crate::kernels::{Call, Storage, Tiles, View, dense, film, maps, window_attention};
+use crate::kernels::{Call, Storage, Tiles, View, dense, film, maps, unembed, window_attention};
 use crate::net::graph::{Op, OpKind, Slice, conv_outputs};
 
 impl Lowering<'_> {
@@ -28,13 +29,15 @@ impl Lowering<'_> {
                 let channels = conv_outputs(*shuffle, *output);
                 // Winograd has no form between two storages.
                 let (src, dst) = (self.view(*input), self.view(*output));
-                let tile = self.options.conv.tile(*stride, channels).filter(|_| src.storage == dst.storage);
+                let shape = ConvShape::new(&src, channels, *stride, self.padded.width);
+                let form = |shape| self.options.conv_table.get(shape).unwrap_or(self.options.conv);
+                let tile = shape.and_then(|shape| form(shape).tile()).filter(|_| src.storage == dst.storage);
                 let pack = conv_pack(weight, *bias, (input.channels, channels), *shuffle, tile);
                 let conv = dense::Conv3x3 {
                     src,
                     dst,
                     channels: channels.next_multiple_of(4),
-                    weights: self.pack(weight, pack),
+                    weights: self.pack(&op.name, pack),
                     film: film.map(|film| self.value(film)),
                     residual: residual.map(|residual| self.view(residual)),
                     stride: *stride,
@@ -46,6 +49,16 @@ impl Lowering<'_> {
                     Some(tile) => Call::Winograd3x3(Winograd3x3 { conv, tile }),
                     None => Call::Conv3x3(conv),
                 }
+            }
+            OpKind::Unembed { input, spread, gather, output } => {
+                let inputs = input.channels;
+                let pack = Pack::Unembed { spread: spread.clone(), gather: gather.clone(), inputs };
+                Call::Unembed(unembed::Unembed {
+                    src: self.view(*input),
+                    dst: self.view(*output),
+                    weights: self.pack(&op.name, pack),
+                    tiles: Tiles::All,
+                })
             }
             OpKind::Linear { inputs, weight, activation, film, residual, output } => {
                 debug_assert_eq!(linear_outputs(weight), output.channels, "{}", op.name);

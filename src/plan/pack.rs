@@ -1,10 +1,10 @@
 //! How weights lie in device memory: 32-bit, in the order in which a kernel reads them, padded with zeros to what it
 //! computes at once.
 
-use super::winograd;
+use super::{unembed, winograd};
 use crate::kernels::dense::{TILE_CHANNELS, conv_tile_channels};
 use crate::kernels::winograd::{WINOGRAD_CHANNELS, WinogradTile};
-use crate::net::graph::LinearWeight;
+use crate::net::graph::{ConvWeight, LinearWeight};
 use crate::net::weights::{Weights, WeightsError};
 
 /// Values of a head's bias table, padded.
@@ -17,8 +17,8 @@ pub enum Pack {
     /// `[bias | [output tile][tap][input / 4][4 inputs][tile outputs]]` of a dense 3x3 convolution. With `shuffle` the
     /// outputs are ordered `[phase][channel]` instead of `4 channel + phase`.
     Conv3x3 {
-        /// Tensor prefix.
-        weight: String,
+        /// The weight.
+        weight: ConvWeight,
         /// Whether there is a bias tensor.
         bias: bool,
         /// The network's input channels.
@@ -31,8 +31,8 @@ pub enum Pack {
     /// `[bias | [output / 4][input / 4][point][4 inputs][4 outputs]]` of a dense 3x3 convolution by Winograd's filtering,
     /// outputs ordered as in [`Pack::Conv3x3`] and padded to a multiple of [`WINOGRAD_CHANNELS`].
     Winograd3x3 {
-        /// Tensor prefix.
-        weight: String,
+        /// The weight.
+        weight: ConvWeight,
         /// Whether there is a bias tensor.
         bias: bool,
         /// The network's input channels.
@@ -43,6 +43,18 @@ pub enum Pack {
         shuffle: bool,
         /// Which transform.
         tile: WinogradTile,
+    },
+    /// `[bias | [dy][border in y][border in x][row of 4][input / 4][4 inputs][dx][column of 4]]` of an [`crate::net::OpKind::Unembed`],
+    /// vectors of three outputs and a zero. A pixel `(dy, dx)` of a token takes the tokens from `(dy - 2, dx - 2)` on. On the
+    /// frame's border the second convolution reads zeros for what lies beyond: in y it is the upper one of the first row of
+    /// pixels and the lower one of the last; in x 1 stands for the left one, 2 for the right one.
+    Unembed {
+        /// Tensor prefix of the first convolution.
+        spread: String,
+        /// Tensor prefix of the second.
+        gather: String,
+        /// Input channels.
+        inputs: u32,
     },
     /// The same as [`Pack::Conv3x3`] with one tap.
     Linear(LinearWeight),
@@ -90,6 +102,7 @@ impl Pack {
             Self::Winograd3x3 { inputs, outputs, tile, .. } => {
                 dense(*inputs, *outputs, tile.inputs().pow(2), WINOGRAD_CHANNELS)
             }
+            Self::Unembed { inputs, .. } => unembed::len(*inputs),
             Self::Linear(w) => dense(w.columns.len() as u32, linear_outputs(w), 1, TILE_CHANNELS),
             Self::Depthwise { channels, .. } => 10 * *channels as usize,
             Self::Norm { channels, .. } => 2 * *channels as usize,
@@ -113,8 +126,7 @@ impl Pack {
         };
         match self {
             Self::Conv3x3 { weight, bias, inputs, outputs, shuffle } => {
-                let source = tensor(weight, "weight")?;
-                let biases = if *bias { Some(tensor(weight, "bias")?) } else { None };
+                let (source, biases) = (weight.values(weights)?, weight.biases(*bias, weights)?);
                 let tile = conv_tile_channels(*outputs) as usize;
                 let (inputs, outputs) = (*inputs as usize, *outputs as usize);
                 // Position among the outputs -> the tensor's row.
@@ -127,8 +139,7 @@ impl Pack {
                 );
             }
             Self::Winograd3x3 { weight, bias, inputs, outputs, shuffle, tile } => {
-                let source = tensor(weight, "weight")?;
-                let biases = if *bias { Some(tensor(weight, "bias")?) } else { None };
+                let (source, biases) = (weight.values(weights)?, weight.biases(*bias, weights)?);
                 let (inputs, outputs) = (*inputs as usize, *outputs as usize);
                 let row = |n: usize| if *shuffle { n % (outputs / 4) * 4 + n / (outputs / 4) } else { n };
                 let points = tile.inputs().pow(2) as usize;
@@ -143,6 +154,10 @@ impl Pack {
                         }
                     }
                 }
+            }
+            Self::Unembed { spread, gather, inputs } => {
+                let weight = (&tensor(spread, "weight")?[..], &tensor(gather, "weight")?[..]);
+                unembed::write(weight, tensor(gather, "bias")?, *inputs as usize, out);
             }
             Self::Linear(w) => {
                 let mut rows = Vec::new();

@@ -429,6 +429,7 @@ fn read_beyond(merged: &[(Dispatch, For)], list_of: &[Option<usize>]) -> HashMap
     let side = |call: &Call| match call {
         Call::Conv3x3(conv) => side_of(conv.shuffle),
         Call::Winograd3x3(winograd) => side_of(winograd.conv.shuffle),
+        Call::Unembed(_) => side_of(Shuffle::Shuffle),
         _ => TILE,
     };
     let mut found = HashMap::new();

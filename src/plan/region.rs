@@ -99,6 +99,15 @@ impl Needed {
         self.add(view, TokenRect { left: 0, top: 0, right: view.width, bottom: view.height });
     }
 
+    /// Adds what lies within so many tokens of some.
+    fn add_within(&mut self, view: &View, rect: TokenRect, reach: u32) {
+        let TokenRect { left, top, right, bottom } = rect;
+        if !rect.is_empty() {
+            let (left, top) = (left.saturating_sub(reach), top.saturating_sub(reach));
+            self.add(view, TokenRect { left, top, right: right + reach, bottom: bottom + reach });
+        }
+    }
+
     /// Adds what a 3x3 convolution of a stride reads for the tokens of its result.
     fn add_around(&mut self, view: &View, rect: TokenRect, stride: u32) {
         if rect.is_empty() {
@@ -182,6 +191,11 @@ impl Needed {
                 self.add(&norm.src, rect);
                 rect
             }
+            Call::Unembed(unembed) => {
+                let rect = within(self.of(&unembed.dst).halved(), &unembed.tiles);
+                self.add_within(&unembed.src, rect, 2);
+                rect
+            }
             Call::WindowAttention(attention) => {
                 let rect = self.of(&attention.dst).in_multiples_of(TILE);
                 self.add(&attention.x, rect);
@@ -222,9 +236,7 @@ impl Needed {
         let rect = match conv.shuffle {
             Shuffle::None => wanted,
             // The result is stored at twice its size ...
-            Shuffle::Shuffle => {
-                TokenRect { left: left / 2, top: top / 2, right: right.div_ceil(2), bottom: bottom.div_ceil(2) }
-            }
+            Shuffle::Shuffle => wanted.halved(),
             // ... or at half of it.
             Shuffle::Unshuffle => TokenRect { left: left * 2, top: top * 2, right: right * 2, bottom: bottom * 2 },
         };

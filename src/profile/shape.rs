@@ -40,6 +40,7 @@ impl Shape {
             }
             Call::Separable3x3(k) => between(&k.depthwise.src, &k.pointwise.dst),
             Call::Depthwise3x3(k) => between(&k.src, &k.dst),
+            Call::Unembed(k) => of(k.src.width, k.src.height, k.src.channels, 4 * k.dst.channels),
             Call::LayerNorm(k) => between(&k.src, &k.dst),
             Call::WindowAttention(k) => of(k.dst.width, k.dst.height, k.x.channels + k.f.channels, k.dst.channels),
             Call::Expand(k) => between(&k.src, &k.dst),

@@ -17,6 +17,7 @@ mod quiet;
 mod separable;
 mod stats;
 mod tiles;
+mod unembed;
 mod window_attention;
 
 use crate::error::{Error, Result};
@@ -135,6 +136,7 @@ impl<'a> Reference<'a> {
             Call::Linear(k) => dense::linear(self, k),
             Call::Depthwise3x3(k) => maps::depthwise3x3(self, k),
             Call::Separable3x3(k) => separable::separable3x3(self, k),
+            Call::Unembed(k) => unembed::unembed(self, k),
             Call::LayerNorm(k) => maps::layer_norm(self, k),
             Call::WindowAttention(k) => window_attention::window_attention(self, k),
             Call::Expand(k) => expand::expand(self, k),

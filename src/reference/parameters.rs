@@ -9,6 +9,8 @@ use crate::plan::pack::{Pack, linear_outputs};
 pub enum Parameters {
     /// Of a dense kernel.
     Dense(Matrix),
+    /// The first and the second convolution of a way from tokens to pixels.
+    Unembed(Box<[Matrix; 2]>),
     /// Of every channel its bias and its 9 taps.
     Depthwise(Vec<(f64, [f64; 9])>),
     /// Of every channel gain and bias.
@@ -27,15 +29,12 @@ impl Parameters {
         Ok(match pack {
             Pack::Conv3x3 { weight, bias, inputs, outputs, .. }
             | Pack::Winograd3x3 { weight, bias, inputs, outputs, .. } => {
-                let (inputs, outputs) = (*inputs as usize, *outputs as usize);
-                let mut matrix = Matrix::zeros(9, inputs, outputs);
-                for (output, row) in tensor(weight, "weight")?.chunks_exact(9 * inputs).take(outputs).enumerate() {
-                    matrix.set_weights(output, row);
-                }
-                if *bias {
-                    set_biases(&mut matrix, 0, &tensor(weight, "bias")?[..outputs]);
-                }
-                Self::Dense(matrix)
+                Self::Dense(convolution(&weight.values(weights)?, weight.biases(*bias, weights)?, *inputs, *outputs))
+            }
+            Pack::Unembed { spread, gather, inputs } => {
+                let spread = convolution(tensor(spread, "weight")?, None, *inputs, 4 * inputs);
+                let bias = tensor(gather, "bias")?;
+                Self::Unembed(Box::new([spread, convolution(tensor(gather, "weight")?, Some(bias), *inputs, 3)]))
             }
             Pack::Linear(linear) => {
                 let columns = linear.columns.start as usize..linear.columns.end as usize;
@@ -74,6 +73,18 @@ impl Parameters {
             }
         })
     }
+}
+
+fn convolution(weight: &[f32], bias: Option<&[f32]>, inputs: u32, outputs: u32) -> Matrix {
+    let (inputs, outputs) = (inputs as usize, outputs as usize);
+    let mut matrix = Matrix::zeros(9, inputs, outputs);
+    for (output, row) in weight.chunks_exact(9 * inputs).take(outputs).enumerate() {
+        matrix.set_weights(output, row);
+    }
+    if let Some(bias) = bias {
+        set_biases(&mut matrix, 0, &bias[..outputs]);
+    }
+    matrix
 }
 
 fn set_biases(matrix: &mut Matrix, first: usize, biases: &[f32]) {

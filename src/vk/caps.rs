@@ -66,6 +66,8 @@ pub struct Caps {
     pub subgroup_size: u32,
     /// `subgroupShuffle` in compute shaders.
     pub subgroup_shuffle: bool,
+    /// `subgroupAny` in compute shaders.
+    pub subgroup_vote: bool,
     /// Texels that a texel buffer may have.
     pub max_texels: u32,
     /// Whether a texel buffer of 16-byte texels may begin at each of them.
@@ -84,6 +86,21 @@ pub struct Caps {
     pub timestamp_period: f32,
     /// Bits of a timestamp that count.
     pub timestamp_bits: u32,
+    /// Which device and driver it is.
+    pub identity: Identity,
+}
+
+/// What tells a device and its driver from others: what one made, another cannot use.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Identity {
+    /// The vendor's number.
+    pub vendor: u32,
+    /// The device's number among its vendor's.
+    pub device: u32,
+    /// The driver's version.
+    pub driver: u32,
+    /// `pipelineCacheUUID`: changes with the driver's compiler.
+    pub uuid: [u8; 16],
 }
 
 /// Smallest subgroup of [`Need::CpuDriver`]: eight lanes share weights.
@@ -122,7 +139,11 @@ impl Caps {
     pub fn meets(&self, need: Need) -> bool {
         match need {
             Need::CpuDriver => {
-                self.subgroup_shuffle && self.subgroup_size >= SHARING_LANES && self.int64 && self.texels_anywhere
+                self.subgroup_shuffle
+                    && self.subgroup_vote
+                    && self.subgroup_size >= SHARING_LANES
+                    && self.int64
+                    && self.texels_anywhere
             }
             Need::Storage16 => self.storage16,
             Need::Float16 => self.float16,
@@ -234,14 +255,18 @@ pub(crate) fn inspect(instance: &ash::Instance, physical: vk::PhysicalDevice, in
         missing,
         memory_bytes,
     };
+    let in_subgroups = |operation| {
+        subgroup.supported_stages.contains(vk::ShaderStageFlags::COMPUTE)
+            && subgroup.supported_operations.contains(operation)
+    };
     let caps = Caps {
         kind,
         max_buffer_bytes: maintenance3.max_memory_allocation_size,
         memory_bytes,
         max_groups: limits.max_compute_work_group_count,
         subgroup_size: subgroup.subgroup_size,
-        subgroup_shuffle: subgroup.supported_stages.contains(vk::ShaderStageFlags::COMPUTE)
-            && subgroup.supported_operations.contains(vk::SubgroupFeatureFlags::SHUFFLE),
+        subgroup_shuffle: in_subgroups(vk::SubgroupFeatureFlags::SHUFFLE),
+        subgroup_vote: in_subgroups(vk::SubgroupFeatureFlags::VOTE),
         max_texels: limits.max_texel_buffer_elements,
         texels_anywhere: limits.min_texel_buffer_offset_alignment <= TEXEL_BYTES,
         int64: features10.shader_int64 == vk::TRUE,
@@ -253,6 +278,12 @@ pub(crate) fn inspect(instance: &ash::Instance, physical: vk::PhysicalDevice, in
         timestamp_period: limits.timestamp_period,
         // The queue's own, once it is known.
         timestamp_bits: 0,
+        identity: Identity {
+            vendor: base.vendor_id,
+            device: base.device_id,
+            driver: base.driver_version,
+            uuid: base.pipeline_cache_uuid,
+        },
     };
     (info, caps)
 }

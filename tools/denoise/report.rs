@@ -31,6 +31,8 @@ pub struct Outcome<'a> {
     pub region: Option<Region>,
     pub device: &'a str,
     pub driver: &'a str,
+    /// The network's name.
+    pub network: String,
     pub precision: String,
     pub report: &'a Report,
     /// What was denoised, where quiet squares are left out.
@@ -76,6 +78,7 @@ struct Record<'a> {
     active: Vec<PartRecord>,
     device: &'a str,
     driver: &'a str,
+    network: &'a str,
     precision: &'a str,
     exposure: f32,
     gpu_ms: Option<f64>,
@@ -118,6 +121,7 @@ impl Outcome<'_> {
             }),
             device: self.device,
             driver: self.driver,
+            network: &self.network,
             precision: &self.precision,
             exposure: self.report.exposure,
             gpu_ms: self.report.gpu_ms,
@@ -170,9 +174,10 @@ impl Outcome<'_> {
             format!(", {denoised:.1} % of it denoised for {:.1} % of the work", 100.0 * report.work)
         });
         format!(
-            "{}: {part}{width} x {height}{quiet}, exposure {:.4}, {} in {:.1} ms{gpu} ({})",
+            "{}: {part}{width} x {height}{quiet}, exposure {:.4}, {} {} in {:.1} ms{gpu} ({})",
             self.job.output.display(),
             report.exposure,
+            self.network,
             self.precision,
             report.total_ms,
             self.device,

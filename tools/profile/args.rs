@@ -3,7 +3,7 @@
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 use vkdenoise::kernels::winograd::WinogradTile;
-use vkdenoise::net::Arch;
+use vkdenoise::net::{Arch, Folds};
 use vkdenoise::plan::{ConvAlgorithm, SeparableForm};
 use vkdenoise::{DeviceSelector, Extent, Precision, QuietMode, Region};
 
@@ -30,6 +30,9 @@ pub enum Command {
         /// Frame size
         #[arg(long, value_name = "WxH", default_value = "512x512", value_parser = size)]
         size: Extent,
+        /// Which operations are folded into others: all, none, or some of unembed, skip and unread
+        #[arg(long, value_name = "F", default_value = "all")]
+        folds: Folds,
         /// How dense 3x3 convolutions are computed; as suits the device where it is left out
         #[arg(long, value_name = "K")]
         conv: Option<Conv>,

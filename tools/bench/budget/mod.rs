@@ -65,9 +65,9 @@ pub fn measure(
     let mut lines = Vec::new();
     for (i, dispatch) in plan.dispatches[..end].iter().enumerate() {
         reference.run_dispatch(i);
-        if let Some(view) = written(dispatch) {
+        if let Some(view) = dispatch.call.result() {
             let found = bench.download(view.buffer, plan.buffer(view.buffer).bytes as usize / 4);
-            let mut line = compare(dispatch, &view, &found, &reference.view(&view), variants);
+            let mut line = compare(dispatch, view, &found, &reference.view(view), variants);
             if let Call::WindowAttention(attention) = &dispatch.call {
                 line.scores = Some(scores(&reference, &plan, attention, weights)?);
             }
@@ -118,22 +118,6 @@ fn upload(bench: &mut Bench, plane: Option<&Plane>) -> Result<PlaneArgs> {
     let layout = plane.layout;
     let [pixel, row, channel] = [layout.pixel_stride, layout.row_stride, layout.channel_stride].map(|s| s as u32);
     Ok(PlaneArgs { offset: layout.offset as u32, ..bench.plane(id, pixel, row, channel) })
-}
-
-/// The map that a dispatch writes.
-fn written(dispatch: &Dispatch) -> Option<View> {
-    Some(match &dispatch.call {
-        Call::InputColor(k) => k.dst,
-        Call::InputAux(k) => k.dst,
-        Call::Conv3x3(k) => k.dst,
-        Call::Winograd3x3(k) => k.conv.dst,
-        Call::Separable3x3(k) => k.pointwise.dst,
-        Call::Linear(k) => k.dst,
-        Call::Depthwise3x3(k) => k.dst,
-        Call::LayerNorm(k) => k.dst,
-        Call::WindowAttention(k) => k.dst,
-        _ => return None,
-    })
 }
 
 fn compare(dispatch: &Dispatch, view: &View, buffer: &[f32], expected: &[f64], variants: Variants) -> Line {

@@ -1,0 +1,76 @@
+//! Tokens of 2x2 pixels to pixels of three channels.
+
+use super::contract::Contract;
+use super::contracts::{self, UnembedPush};
+use super::{Addresses, BufferId, Kernel, PushBytes, Storage, TexelRange, Tiles, Traffic, Variants, View, groups};
+
+/// Rows of tokens that a pixel takes.
+pub const ROWS: u32 = 4;
+/// Sets of weights for each of a token's two rows of pixels: away from the frame's border in y and on it, times away from the
+/// border in x, at the left, at the right.
+pub const SETS: u32 = 6;
+/// Vectors of weights for four input channels and one row of tokens.
+pub const BLOCK: u32 = 32;
+
+/// `conv3x3(shuffle(conv3x3(src)))`, to four times the channels and to three; both zero-padded at the map's borders.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Unembed {
+    /// Input.
+    pub src: View,
+    /// Output, of twice the size, in 32-bit floats: three channels and a zero.
+    pub dst: View,
+    /// Packed weights ([`crate::plan::pack::Pack::Unembed`]).
+    pub weights: BufferId,
+    /// Tiles of the input.
+    pub tiles: Tiles,
+}
+
+impl Kernel for Unembed {
+    fn contract(&self, variants: Variants) -> &'static Contract {
+        match (variants.for_texels(&self.texels()).cpu, self.src.storage) {
+            (true, _) => &contracts::UNEMBED_CPU,
+            (false, Storage::F32) => &contracts::UNEMBED,
+            (false, Storage::F16) => &contracts::UNEMBED_FROM_F16,
+        }
+    }
+
+    fn groups(&self, variants: Variants) -> [u32; 3] {
+        // One of a token's two rows of pixels.
+        groups(self.tiles.count(self.src.width, self.src.height).div_ceil(self.tiles_a_group(variants)), 2)
+    }
+
+    /// Of 64 invocations, each with so many tokens in a row.
+    fn tiles_a_group(&self, variants: Variants) -> u32 {
+        self.contract(variants).define("TX") as u32
+    }
+
+    fn push(&self, at: &Addresses) -> PushBytes {
+        PushBytes::new(&UnembedPush {
+            src: at.view(&self.src),
+            dst: at.view(&self.dst),
+            weights: at.of(self.weights),
+            tiles: at.tiles(&self.tiles),
+            width: self.src.width,
+            height: self.src.height,
+            src_stride: self.src.stride / 4,
+            channels: self.src.channels / 4,
+            dst_stride: self.dst.stride / 4,
+            first_tile: self.tiles.first(),
+            tile_count: self.tiles.count(self.src.width, self.src.height),
+            flags: self.tiles.flags(self.src.width),
+        })
+    }
+
+    fn texels(&self) -> Vec<TexelRange> {
+        vec![(&self.src).into(), self.weights.into()]
+    }
+
+    fn traffic(&self) -> Traffic {
+        // Almost every token takes the weights of no border.
+        let weights = u64::from(2 * ROWS * self.src.channels / 4 * BLOCK + 1) * 16;
+        Traffic {
+            reads: vec![(self.src.buffer, self.src.bytes()), (self.weights, weights)],
+            writes: vec![(self.dst.buffer, self.dst.bytes())],
+        }
+    }
+}

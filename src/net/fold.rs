@@ -1,0 +1,279 @@
+//! Exact folds: operations that follow each other with nothing nonlinear between them become one, and what nobody reads is not
+//! computed. A folded graph computes the same residual but for rounding; it reads the same tensors, and makes its weights
+//! of them.
+
+use super::graph::{Activation, ConvWeight, Graph, Op, OpKind, Shape, Shuffle, Slice};
+use super::weights::{Weights, WeightsError};
+use crate::error::Error;
+use std::borrow::Cow;
+use std::str::FromStr;
+
+/// Which operations are folded.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub struct Folds {
+    /// Patch unembedding, its shuffle and the output convolution into one: a sixth of their work, and no map of the frame's
+    /// full size between them.
+    pub unembed: bool,
+    /// The half of a skip's Linear that reads what was upsampled, into the convolution that upsamples.
+    pub skip: bool,
+    /// Channels that nobody reads: most of what the last Down makes of the features, where attention is partial.
+    pub unread: bool,
+}
+
+impl Folds {
+    /// Every operation as the network has it.
+    pub const NONE: Self = Self { unembed: false, skip: false, unread: false };
+    /// All of them.
+    pub const ALL: Self = Self { unembed: true, skip: true, unread: true };
+}
+
+impl FromStr for Folds {
+    type Err = Error;
+
+    /// `all`, `none`, or a list of `unembed`, `skip` and `unread` with commas between.
+    fn from_str(text: &str) -> Result<Self, Error> {
+        let mut folds = Self::NONE;
+        for name in text.split(',') {
+            match name {
+                "all" => folds = Self::ALL,
+                "none" => {}
+                "unembed" => folds.unembed = true,
+                "skip" => folds.skip = true,
+                "unread" => folds.unread = true,
+                other => {
+                    let reason = format!("'{other}'; it can be all, none, or some of unembed, skip and unread");
+                    return Err(Error::InvalidOption { option: "folds", reason });
+                }
+            }
+        }
+        Ok(folds)
+    }
+}
+
+impl Graph {
+    /// The same network with fewer operations or less work in them. [`Graph::tensors`] gives the shapes that the operations
+    /// use, which may be a part of what a weights file holds.
+    pub fn folded(&self, folds: Folds) -> Graph {
+        let mut graph = self.clone();
+        if folds.unembed {
+            graph.fold_unembed();
+        }
+        if folds.skip {
+            graph.fold_skips();
+        }
+        if folds.unread {
+            graph.drop_unread();
+        }
+        graph
+    }
+
+    fn fold_unembed(&mut self) {
+        let found = self.ops.windows(2).position(|pair| self.unembed(pair).is_some());
+        let folded = found.and_then(|at| self.unembed(&self.ops[at..at + 2]).map(|op| (at, op)));
+        if let Some((at, op)) = folded {
+            self.ops.splice(at..at + 2, [op]);
+        }
+    }
+
+    /// Two convolutions as one [`OpKind::Unembed`], where they are the two that it stands for.
+    fn unembed(&self, pair: &[Op]) -> Option<Op> {
+        let [first, second] = pair else { return None };
+        let (from, spread, between) = plain_shuffle(first)?;
+        let OpKind::Conv3x3 {
+            input,
+            weight: ConvWeight::Tensor(gather),
+            bias: true,
+            stride: 1,
+            activation: Activation::None,
+            shuffle: Shuffle::None,
+            film: None,
+            residual: None,
+            output,
+        } = &second.kind
+        else {
+            return None;
+        };
+        let fits = *input == between && self.is_read_once(between) && output.channels == 3;
+        (fits && from.channels == between.channels).then(|| Op {
+            kind: OpKind::Unembed { input: from, spread: spread.into(), gather: gather.clone(), output: *output },
+            ..second.clone()
+        })
+    }
+
+    fn fold_skips(&mut self) {
+        for at in 1..self.ops.len() {
+            let Some((weight, rest)) = self.skip(at) else { continue };
+            if let OpKind::Conv3x3 { weight: own, .. } = &mut self.ops[at - 1].kind {
+                *own = weight;
+            }
+            self.ops[at].kind = rest;
+        }
+    }
+
+    /// A Linear on `[up | skip]` right after the convolution that makes `up`: the convolution's new weight, and the Linear on
+    /// the skip alone, to which the convolution's result is added.
+    fn skip(&self, at: usize) -> Option<(ConvWeight, OpKind)> {
+        let (_, conv, up) = plain_shuffle(&self.ops[at - 1])?;
+        let OpKind::Linear { inputs, weight, activation, film: None, residual: None, output } = &self.ops[at].kind
+        else {
+            return None;
+        };
+        let ([first, skip], [part]) = (&inputs[..], &weight.parts[..]) else { return None };
+        let fits = *first == up && self.is_read_once(up) && up.channels == output.channels && weight.columns.start == 0;
+        fits.then(|| {
+            let mixed = ConvWeight::Mixed { conv: conv.into(), linear: part.prefix.clone(), columns: weight.inputs };
+            let mut rest = weight.clone();
+            rest.columns.start = up.channels;
+            let (activation, output) = (*activation, *output);
+            let kind = OpKind::Linear {
+                inputs: vec![*skip],
+                weight: rest,
+                activation,
+                film: None,
+                residual: Some(up),
+                output,
+            };
+            (mixed, kind)
+        })
+    }
+
+    fn drop_unread(&mut self) {
+        for at in 0..self.ops.len() {
+            let OpKind::Conv3x3 { shuffle: Shuffle::Unshuffle, output, film: None, residual: None, .. } =
+                self.ops[at].kind
+            else {
+                continue;
+            };
+            if self.residual == output.value || output != self.whole(output.value) {
+                continue;
+            }
+            let reads = self.ops.iter().flat_map(|op| self.reads(op)).filter(|slice| slice.value == output.value);
+            // Kernels compute vectors of four outputs, each of which becomes four channels.
+            let read = reads.map(|slice| slice.first + slice.channels).max().unwrap_or(0).next_multiple_of(16);
+            if let Shape::Map { channels, .. } = &mut self.values[output.value.0].shape {
+                *channels = read.min(*channels);
+            }
+            let whole = self.whole(output.value);
+            if let OpKind::Conv3x3 { output, .. } = &mut self.ops[at].kind {
+                *output = whole;
+            }
+        }
+    }
+
+    /// Whether one operation reads a map, all of it, and it is not the result.
+    fn is_read_once(&self, map: Slice) -> bool {
+        let reads = self.ops.iter().flat_map(|op| self.reads(op)).filter(|slice| slice.value == map.value);
+        map == self.whole(map.value) && reads.count() == 1 && self.residual != map.value
+    }
+}
+
+/// Input, tensor prefix and output of a convolution without bias and anything after it but a pixel shuffle.
+fn plain_shuffle(op: &Op) -> Option<(Slice, &str, Slice)> {
+    match &op.kind {
+        OpKind::Conv3x3 {
+            input,
+            weight: ConvWeight::Tensor(prefix),
+            bias: false,
+            stride: 1,
+            activation: Activation::None,
+            shuffle: Shuffle::Shuffle,
+            film: None,
+            residual: None,
+            output,
+        } => Some((*input, prefix, *output)),
+        _ => None,
+    }
+}
+
+impl ConvWeight {
+    /// The weight's values, row by row; products are summed in f64 and rounded once.
+    ///
+    /// # Errors
+    /// [`WeightsError::Missing`].
+    pub fn values<'a>(&self, weights: &'a Weights) -> Result<Cow<'a, [f32]>, WeightsError> {
+        let tensor = |prefix: &str| weights.tensor(&format!("{prefix}.weight"));
+        Ok(match self {
+            Self::Tensor(prefix) => Cow::Borrowed(&tensor(prefix)?.data),
+            Self::Mixed { conv, linear, columns } => {
+                let (conv, linear) = (tensor(conv)?, tensor(linear)?);
+                let row = conv.data.len() / conv.shape.first().map_or(1, |rows| *rows as usize);
+                Cow::Owned(mixed(&conv.data, row, &linear.data, *columns as usize))
+            }
+        })
+    }
+
+    /// The biases, where there are any.
+    ///
+    /// # Errors
+    /// [`WeightsError::Missing`].
+    pub fn biases<'a>(&self, bias: bool, weights: &'a Weights) -> Result<Option<&'a [f32]>, WeightsError> {
+        match self {
+            Self::Tensor(prefix) if bias => Ok(Some(&weights.tensor(&format!("{prefix}.bias"))?.data)),
+            _ => Ok(None),
+        }
+    }
+}
+
+/// Rows `4 c + phase` of a convolution, each `row` long, mixed by a matrix of `columns` columns, of which the first count.
+fn mixed(conv: &[f32], row: usize, linear: &[f32], columns: usize) -> Vec<f32> {
+    let channels = conv.len() / row / 4;
+    let mut out = Vec::with_capacity(conv.len());
+    let mut sums = vec![0.0f64; row];
+    for factors in linear.chunks_exact(columns) {
+        for phase in 0..4 {
+            sums.fill(0.0);
+            for (c, &factor) in factors[..channels].iter().enumerate() {
+                for (sum, &weight) in sums.iter_mut().zip(&conv[(4 * c + phase) * row..][..row]) {
+                    *sum += f64::from(factor) * f64::from(weight);
+                }
+            }
+            out.extend(sums.iter().map(|&sum| sum as f32));
+        }
+    }
+    out
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::net::arch::Arch;
+    use crate::net::cost::flops;
+
+    #[test]
+    fn folds_leave_out_what_they_say() {
+        let graph = Graph::new(&Arch::hybrid()).unwrap();
+        let saved = |folds| {
+            let [all, left] = [&graph, &graph.folded(folds)].map(|g| flops(g, 1024, 1024).total());
+            format!("{:.2}", (all - left) as f64 * 1e-9)
+        };
+        assert_eq!(saved(Folds { unembed: true, ..Folds::NONE }), "17.92");
+        assert_eq!(saved(Folds { skip: true, ..Folds::NONE }), "1.61");
+        assert_eq!(saved(Folds { unread: true, ..Folds::NONE }), "1.81");
+        assert_eq!(graph.folded(Folds::NONE), graph);
+        assert_eq!("skip,unembed,unread".parse::<Folds>().unwrap(), Folds::ALL);
+        assert_eq!("none".parse::<Folds>().unwrap(), Folds::NONE);
+        assert!("skips".parse::<Folds>().is_err_and(|error| error.to_string().contains("'skips'")));
+    }
+
+    /// What cannot be folded stays as it is; nothing new is read.
+    #[test]
+    fn every_network_reads_its_own_tensors() {
+        for name in Arch::NAMES {
+            let graph = Graph::new(&Arch::named(name).unwrap()).unwrap();
+            let names = |graph: &Graph| {
+                let mut names: Vec<_> = graph.tensors().into_iter().map(|tensor| tensor.name).collect();
+                names.sort();
+                names
+            };
+            assert_eq!(names(&graph.folded(Folds::ALL)), names(&graph), "{name}");
+        }
+    }
+
+    #[test]
+    fn a_mixed_weight_is_the_product() {
+        // Two channels of four phases, rows of one weight; a matrix of two rows on [up | skip].
+        let conv = [1., 2., 3., 4., 10., 20., 30., 40.];
+        let linear = [1., 2., 9., 9., 0.5, -1., 9., 9.];
+        assert_eq!(mixed(&conv, 1, &linear, 4), [21., 42., 63., 84., -9.5, -19., -28.5, -38.]);
+    }
+}
