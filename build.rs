@@ -13,6 +13,7 @@ mod check;
 
 use kernels::contract::Contract;
 use std::fmt::Write as _;
+use std::hash::{Hash, Hasher};
 use std::path::{Path, PathBuf};
 use std::{env, fs};
 
@@ -30,15 +31,18 @@ fn build() -> Result<(), String> {
     let out = PathBuf::from(env::var_os("OUT_DIR").ok_or("OUT_DIR is not set")?);
     let compiler = shaderc::Compiler::new().map_err(|e| format!("no shader compiler: {e}"))?;
     let mut modules = String::from("static MODULES: &[(&str, &[u32])] = &[\n");
+    let mut hash = std::hash::DefaultHasher::new();
     for contract in kernels::contracts::ALL {
         // The optimiser strips the names that the check compares.
         check::check(contract, &compile(&compiler, contract, shaderc::OptimizationLevel::Zero)?)?;
         let words = compile(&compiler, contract, shaderc::OptimizationLevel::Performance)?;
+        (contract.name, &words).hash(&mut hash);
         let file = out.join(format!("{}.in", contract.name));
         fs::write(&file, format!("{words:?}")).map_err(|e| format!("{}: {e}", file.display()))?;
         writeln!(modules, "    ({:?}, &include!({:?})),", contract.name, file.display()).map_err(|e| e.to_string())?;
     }
-    modules.push_str("];\n");
+    writeln!(modules, "];\n/// Changes with any of the modules.\npub const HASH: u64 = {};", hash.finish())
+        .map_err(|e| e.to_string())?;
     fs::write(out.join("spirv.rs"), modules).map_err(|e| e.to_string())
 }
 

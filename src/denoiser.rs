@@ -9,8 +9,9 @@ use crate::memory::MemoryRequired;
 use crate::net::Folds;
 use crate::net::weights::Weights;
 use crate::pass::{FrameOptions, Pass};
-use crate::plan::{ConvAlgorithm, SeparableForm};
+use crate::plan::{ConvAlgorithm, ConvTable, SeparableForm};
 use crate::profile::KernelRecord;
+use crate::tune;
 use crate::vk::device::Device;
 use crate::vk::statistics::PipelineStatistic;
 use crate::vk::timestamps::Timestamps;
@@ -145,11 +146,41 @@ impl Denoiser {
         Self::with_kernels(device, weights, options, engine::prefers_cpu_kernels(device))
     }
 
-    /// The same, with or without the kernels shaped for CPU drivers.
+    /// The same, with every dense 3x3 convolution in the form that is fastest on this device for frames of about this size: as
+    /// the device's [`Cache`](crate::Cache) has it, else measured now, which takes some passes of every form, and kept there. The size class
+    /// is that of powers of two of pixels; frames of every other size can be denoised too, with the forms of this one.
+    ///
+    /// Forms differ in rounding: the bits of a result are those of the set of forms ([`Denoiser::conv_table`]), the same for
+    /// regions and unchanged features as for the whole frame. Another measurement may choose another set.
+    ///
+    /// # Errors
+    /// As [`Denoiser::new`]. Where the cache has nothing: [`Error::Unsupported`] on a device without timestamps,
+    /// [`Error::Binding`] on a renderer's device, and what [`Denoiser::denoise`] fails with.
+    pub fn tuned(device: &Device, weights: &Weights, options: &Options, extent: Extent) -> Result<Self> {
+        let table = tune::conv_table(device, weights, options, extent)?;
+        Self::with_choices(device, weights, options, engine::prefers_cpu_kernels(device), table)
+    }
+
+    /// The forms of convolutions that were measured; empty without [`Denoiser::tuned`].
+    pub fn conv_table(&self) -> ConvTable {
+        self.engine.plan_options.conv_table
+    }
+
+    /// As [`Denoiser::new`], with or without the kernels shaped for CPU drivers.
     pub(crate) fn with_kernels(device: &Device, weights: &Weights, options: &Options, cpu: bool) -> Result<Self> {
+        Self::with_choices(device, weights, options, cpu, ConvTable::default())
+    }
+
+    fn with_choices(
+        device: &Device,
+        weights: &Weights,
+        options: &Options,
+        cpu: bool,
+        table: ConvTable,
+    ) -> Result<Self> {
         let frame = FrameOptions { exposure: options.exposure, blend: options.blend, ..FrameOptions::default() };
         frame.check()?;
-        let mut engine = Engine::new(device, weights, options)?;
+        let mut engine = Engine::new(device, weights, options, table)?;
         engine.cpu = cpu;
         engine.matrix = engine::wants_matrices(device, options.precision)?;
         Ok(Self { engine: Arc::new(engine), options: frame, profiling: false, host: None })

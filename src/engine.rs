@@ -10,8 +10,8 @@ use crate::memory;
 use crate::net::Folds;
 use crate::net::graph::Graph;
 use crate::net::weights::{ExposureRule, Weights, WeightsError};
-use crate::plan::{ConvAlgorithm, Place, Plan, PlanOptions, SeparableForm, max_chain_bytes, plan};
-use crate::record::Pipelines;
+use crate::pipelines::Pipelines;
+use crate::plan::{ConvAlgorithm, ConvTable, Place, Plan, PlanOptions, SeparableForm, max_chain_bytes, plan};
 use crate::vk::caps::{DeviceKind, TEXEL_BYTES};
 use crate::vk::device::Device;
 use crate::vk::memory::Buffer;
@@ -36,13 +36,15 @@ pub(crate) struct Engine {
 }
 
 impl Engine {
-    pub fn new(device: &Device, weights: &Weights, options: &Options) -> Result<Self> {
+    /// `conv_table` has the forms of convolutions that were measured.
+    pub fn new(device: &Device, weights: &Weights, options: &Options, conv_table: ConvTable) -> Result<Self> {
         let storage = wanted_storage(device, options.precision)?;
         let forms = Forms::of(device, wants_matrices(device, options.precision)?);
         let plan_options = PlanOptions {
             max_block_bytes: Self::max_block_bytes(device),
             folds: options.folds.unwrap_or(Folds::ALL),
             conv: options.conv.unwrap_or(forms.conv),
+            conv_table,
             separable: options.separable.unwrap_or(forms.separable),
             max_chain_bytes: options.max_chain_bytes.unwrap_or(max_chain_bytes(storage)),
             keep_features: options.keep_features,

@@ -47,6 +47,7 @@
 //! The same input on the same device gives the same bits. Non-finite, negative and absurdly bright pixels and
 //! isolated fireflies are mended and stay local. All types are `Send` and `Sync`; what records or runs takes `&self` or `&mut self` as its doc says.
 
+mod cache;
 pub mod denoiser;
 mod descriptors;
 mod engine;
@@ -59,17 +60,21 @@ pub mod kernels;
 mod memory;
 pub mod metrics;
 pub mod net;
+mod parallel;
 pub mod pass;
+mod pipelines;
 pub mod plan;
 pub mod profile;
+mod quality;
 mod record;
 pub mod reference;
 pub mod renderer;
 #[doc(hidden)]
 pub mod testing;
+mod tune;
 pub mod vk;
-mod weights;
 
+pub use cache::Cache;
 pub use denoiser::{Denoiser, Exposure, Options, Precision, Report};
 pub use error::{Error, Result};
 pub use frame::{Extent, Features, Frame, Layout, Plane, PlaneMut, Region, Samples, SamplesMut};
@@ -77,6 +82,7 @@ pub use memory::MemoryRequired;
 pub use net::weights::Weights;
 pub use pass::{Binding, FrameOptions, Pass};
 pub use profile::{KernelRecord, Profiler};
+pub use quality::Quality;
 pub use renderer::{BufferFrame, BufferPlane, ImageFormat, ImageFrame, ImagePlane, SampleFormat};
 pub use vk::caps::{DeviceInfo, DeviceKind, Requirements};
 pub use vk::device::{Device, DeviceOptions, RendererDevice};

@@ -1,61 +1,14 @@
 //! The executor: dispatches into a command buffer.
 
 use crate::descriptors::DescriptorSets;
-use crate::error::{Error, Result};
-use crate::kernels::contract::Contract;
 use crate::kernels::{Addresses, Variants};
 use crate::plan::Dispatch;
 use crate::vk::device::Device;
 use crate::vk::pipeline::Pipeline;
-use crate::vk::statistics::{PipelineStatistic, of_pipeline};
 use crate::vk::submit;
 use crate::vk::timestamps::Timestamps;
 use ash::vk;
-use std::collections::{BTreeMap, HashMap};
-use std::sync::{Arc, Mutex, PoisonError};
-
-/// The pipelines of a device, made when first asked for and kept.
-pub(crate) struct Pipelines {
-    device: Device,
-    made: Mutex<HashMap<&'static str, Arc<Pipeline>>>,
-}
-
-impl Pipelines {
-    pub fn new(device: &Device) -> Self {
-        Self { device: device.clone(), made: Mutex::default() }
-    }
-
-    /// The pipeline of a kernel variant.
-    ///
-    /// # Errors
-    /// [`Error::Unsupported`] where the device lacks what the variant needs; [`Error::Vulkan`].
-    pub fn get(&self, contract: &'static Contract) -> Result<Arc<Pipeline>> {
-        if let Some(need) = contract.needs.iter().find(|need| !self.device.caps().meets(**need)) {
-            let device = self.device.info().name.clone();
-            return Err(Error::Unsupported { device, missing: format!("{need} (kernel {})", contract.name) });
-        }
-        let mut made = self.made.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(pipeline) = made.get(contract.name) {
-            return Ok(Arc::clone(pipeline));
-        }
-        let pipeline = Arc::new(Pipeline::new(&self.device, contract)?);
-        made.insert(contract.name, Arc::clone(&pipeline));
-        Ok(pipeline)
-    }
-
-    /// What the compiler says of every pipeline made so far, by variant.
-    pub fn statistics(&self) -> Result<Vec<PipelineStatistic>> {
-        let made = self.made.lock().unwrap_or_else(PoisonError::into_inner);
-        let sorted: BTreeMap<_, _> = made.iter().collect();
-        let of_each = sorted.into_iter().map(|(variant, pipeline)| of_pipeline(&self.device, variant, pipeline));
-        Ok(of_each.collect::<Result<Vec<_>>>()?.concat())
-    }
-
-    /// One pipeline for each dispatch, in order.
-    pub fn for_dispatches(&self, dispatches: &[Dispatch], variants: Variants) -> Result<Vec<Arc<Pipeline>>> {
-        dispatches.iter().map(|dispatch| self.get(dispatch.call.kernel().contract(variants))).collect()
-    }
-}
+use std::sync::Arc;
 
 /// What a recording needs beside the dispatches.
 pub(crate) struct Recording<'a> {

@@ -229,6 +229,28 @@ fn in_place_by_layer_name_and_quiet() {
     assert_eq!(d.names(""), ["copy.exr", "views.exr"]);
 }
 
+/// Each quality is another network or another storage, and so another picture; the default is the balanced one.
+#[test]
+fn a_quality_chooses_network_and_storage() {
+    let d = Directory::new();
+    let input = d.exr("in.exr", FEATURES, 0.0);
+    let denoise = |options: &[&str]| {
+        let out = d.path("out.exr");
+        let ran = run(arguments![input, "-o", out, "--json"].into_iter().chain(options.iter().map(Into::into)));
+        succeeded(&ran);
+        let said: serde_json::Value = serde_json::from_str(&ran.out).unwrap();
+        let word = |key: &str| said[key].as_str().unwrap().to_owned();
+        (word("network"), word("precision"), color(&out))
+    };
+    let [fast, balanced, high] = ["fast", "balanced", "high"].map(|quality| denoise(&["--quality", quality]));
+    assert_eq!([&fast.0, &balanced.0, &high.0], ["hybrid", "hybrid", "expanded_patch"]);
+    assert_ne!(fast.2, balanced.2);
+    assert_ne!(balanced.2, high.2);
+    assert_eq!(denoise(&[]), balanced);
+    let asked = denoise(&["--quality", "fast", "--precision", "fp32"]);
+    assert_eq!(asked.1, "fp32", "what is asked for counts more than what the quality would choose");
+}
+
 #[cfg(unix)]
 #[test]
 fn an_interrupt_leaves_whole_files_only() {
@@ -324,6 +346,8 @@ fn failures_name_what_is_wrong_before_a_device_is_opened() {
         (2, "X,Y,W,H", arguments![good, "-o", out, "--region", "0,0,8,8,8"].to_vec()),
         (2, "X,Y,W,H", arguments![good, "-o", out, "--region", "-1,0,8,8"].to_vec()),
         (2, "precision", arguments![good, "-o", out, "--precision", "fp12"].to_vec()),
+        (2, "fast, balanced or high", arguments![good, "-o", out, "--quality", "best"].to_vec()),
+        (2, "cannot be used with", arguments![good, "-o", out, "--quality", "high", "--weights", other].to_vec()),
     ];
     let before = d.names("");
     for (code, words, arguments) in cases {

@@ -8,7 +8,7 @@ use common::planes::TestFrame;
 use std::sync::{Mutex, PoisonError};
 use vkdenoise::testing::open_patched;
 use vkdenoise::{
-    Denoiser, Device, DeviceOptions, DeviceSelector, Error, Extent, Layout, Options, PlaneMut, Result, Weights,
+    Cache, Denoiser, Device, DeviceOptions, DeviceSelector, Error, Extent, Layout, Options, PlaneMut, Result, Weights,
 };
 
 /// What shall fail from some time on: the call's name, how many go well before, and how.
@@ -106,7 +106,7 @@ fn set(fault: Option<Fault>) -> Option<Fault> {
 
 fn open() -> Device {
     let selector = DeviceSelector::from_env().unwrap_or_default();
-    let options = DeviceOptions { selector, validation: true, ..DeviceOptions::default() };
+    let options = DeviceOptions { selector, validation: true, cache: Cache::Off, ..DeviceOptions::default() };
     // SAFETY: the patched functions fail before they do anything, as Vulkan allows.
     unsafe { open_patched(&options, patched) }.unwrap()
 }

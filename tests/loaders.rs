@@ -2,6 +2,11 @@
 //! on a file's word. `fuzz/` has the same for unbounded runs.
 #![cfg(feature = "exr")]
 
+#[path = "common/sound_files.rs"]
+mod sound_files;
+
+use exr::image::Blocks;
+use exr::prelude::Compression;
 use proptest::prelude::*;
 use proptest::test_runner::{Config, RngSeed};
 use std::alloc::{GlobalAlloc, Layout, System};
@@ -12,7 +17,7 @@ use std::sync::atomic::{AtomicUsize, Ordering};
 use tempfile::TempDir;
 use vkdenoise::Weights;
 use vkdenoise::exr_io::{ExrError, ExrFrame, LayerOptions};
-use vkdenoise::net::{Arch, DepthRule, ExposureRule, Preprocessing, WeightsError};
+use vkdenoise::net::WeightsError;
 
 /// Remembers the largest single allocation.
 struct Watch;
@@ -58,60 +63,14 @@ fn folder() -> &'static Path {
     FOLDER.get_or_init(|| tempfile::tempdir().unwrap()).path()
 }
 
-/// A sound weights file, without the safetensors crate's help: a header of every tensor, and zeros.
 fn sound_weights() -> &'static [u8] {
     static BYTES: OnceLock<Vec<u8>> = OnceLock::new();
-    BYTES.get_or_init(|| {
-        let mut arch = Arch::hybrid();
-        arch.channels = 16;
-        arch.stages.truncate(1);
-        let preprocessing = Preprocessing { exposure: ExposureRule::Auto, depth: DepthRule::Percentile };
-        let (mut header, mut at) = (serde_json::Map::new(), 0);
-        for spec in vkdenoise::net::Graph::new(&arch).unwrap().tensors() {
-            let end = at + 4 * spec.elements();
-            let entry = serde_json::json!({ "dtype": "F32", "shape": spec.shape, "data_offsets": [at, end] });
-            header.insert(spec.name, entry);
-            at = end;
-        }
-        let metadata = serde_json::json!({
-            "format": "vkdenoise-1",
-            "architecture": serde_json::to_string(&arch).unwrap(),
-            "preprocessing": serde_json::to_string(&preprocessing).unwrap(),
-        });
-        header.insert("__metadata__".into(), metadata);
-        let header = serde_json::to_vec(&header).unwrap();
-        let mut bytes = (header.len() as u64).to_le_bytes().to_vec();
-        bytes.extend(header);
-        bytes.resize(bytes.len() + at as usize, 0);
-        bytes
-    })
+    BYTES.get_or_init(|| sound_files::weights(&sound_files::one_stage()))
 }
 
-/// A sound EXR file: two parts, halves, floats and integers, compressed.
 fn sound_exr() -> &'static [u8] {
     static BYTES: OnceLock<Vec<u8>> = OnceLock::new();
-    BYTES.get_or_init(|| {
-        use exr::prelude::*;
-        let size = Vec2(40, 23);
-        let samples = |i: usize| FlatSamples::F32((0..40 * 23).map(|p| (p * (i + 3) % 17) as f32 / 8.0).collect());
-        let layer = |name: &str, channels: &[&str], compression| {
-            let list = channels.iter().enumerate().map(|(i, c)| match *c {
-                "id" => AnyChannel::new(*c, FlatSamples::U32(vec![7; 40 * 23])),
-                "A" => AnyChannel::new(*c, FlatSamples::F16(vec![f16::ONE; 40 * 23])),
-                c => AnyChannel::new(c, samples(i)),
-            });
-            let encoding = Encoding { compression, ..Encoding::UNCOMPRESSED };
-            Layer::new(size, LayerAttributes::named(name), encoding, AnyChannels::sort(list.collect()))
-        };
-        let layers = vec![
-            layer("rgba", &["R", "G", "B", "A", "id"], Compression::ZIP16),
-            layer("N", &["X", "Y", "Z"], Compression::PIZ),
-        ];
-        let image = Image::from_layers(ImageAttributes::new(IntegerBounds::from_dimensions(size)), layers);
-        let path = folder().join("sound.exr");
-        image.write().non_parallel().to_file(&path).unwrap();
-        std::fs::read(path).unwrap()
-    })
+    BYTES.get_or_init(|| sound_files::exr(Compression::ZIP16, Blocks::ScanLines))
 }
 
 fn read_exr(bytes: &[u8]) -> Result<ExrFrame, ExrError> {
@@ -231,6 +190,20 @@ fn damaged(sound: &[u8], damages: &[Damage]) -> Vec<u8> {
 
 fn config() -> Config {
     Config { cases: 600, rng_seed: RngSeed::Fixed(1), failure_persistence: None, ..Config::default() }
+}
+
+/// `fuzz/corpus` of a checkout, from which the fuzzers begin.
+#[test]
+#[ignore = "writes the fuzzers' first inputs"]
+fn write_the_first_inputs_of_the_fuzzers() {
+    let corpus = Path::new(env!("CARGO_MANIFEST_DIR")).join("fuzz/corpus");
+    for (target, files) in [("weights", sound_files::all_weights()), ("exr", sound_files::all_exr())] {
+        let folder = corpus.join(target);
+        std::fs::create_dir_all(&folder).unwrap();
+        for (name, bytes) in files {
+            std::fs::write(folder.join(name), bytes).unwrap();
+        }
+    }
 }
 
 proptest! {

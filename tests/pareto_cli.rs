@@ -18,7 +18,11 @@ fn pairs() -> tempfile::TempDir {
 fn pareto(root: &Path, options: &[&str]) -> Output {
     let mut command = Command::new(env!("CARGO_BIN_EXE_vkdenoise-bench"));
     command.arg("pareto").arg(root.join(".")).arg("--results").arg(root.join("results.jsonl"));
-    command.args(["--tier", "fp32", "--repeat", "1", "--exact-side", "24", "--json"]).args(options).output().unwrap()
+    command
+        .args(["--network", "hybrid", "--tier", "fp32", "--repeat", "1", "--exact-side", "24", "--json"])
+        .args(options)
+        .output()
+        .unwrap()
 }
 
 fn points(output: &Output) -> Vec<Value> {
@@ -52,6 +56,7 @@ fn what_cannot_be_swept_is_said() {
     for (options, expected) in [
         (&["--scenes", "kitchen"][..], "no <scene>/<view>/spp####.exr"),
         (&["--network", "hybrid=weights/hybrid.safetensors"], "two networks of the name 'hybrid'"),
+        (&["--network", "kitchen"], "no network 'kitchen' ships"),
         (&["--tier", "fp1"], "no tier 'fp1'"),
     ] {
         let output = pareto(root.path(), options);

@@ -7,7 +7,9 @@ use vkdenoise::kernels::contract::BindingType;
 use vkdenoise::kernels::winograd::WinogradTile;
 use vkdenoise::kernels::{BufferId, Call, Storage, Tiles, Variants};
 use vkdenoise::net::{Arch, Folds, Graph};
-use vkdenoise::plan::{ConvAlgorithm, Dispatch, Place, Plan, PlanOptions, SeparableForm, max_chain_bytes, plan};
+use vkdenoise::plan::{
+    ConvAlgorithm, ConvShape, Dispatch, Place, Plan, PlanOptions, SeparableForm, max_chain_bytes, plan,
+};
 use vkdenoise::{Error, Extent};
 
 fn plan_of(name: &str, extent: Extent, max_block_bytes: u64) -> Result<Plan, Error> {
@@ -231,6 +233,31 @@ fn dense_kernels_have_a_variant_on_matrices() {
         println!("{name}: {dense} kernels on matrices, {:.3} of the FLOPs", on_matrices as f64 / all as f64);
         if name == "hybrid" {
             assert!((on_matrices as f64 / all as f64 - 0.933).abs() < 1e-3);
+        }
+    }
+}
+
+/// A table of measured forms reaches the convolutions of its shapes and no others.
+#[test]
+fn a_table_chooses_by_shape() {
+    let graph = Graph::new(&Arch::hybrid()).unwrap();
+    let extent = Extent::new(130, 70);
+    let shapes = |plan: &Plan| -> Vec<_> {
+        let shape = |d: &Dispatch| ConvShape::of(&d.call, plan).map(|s| (s, matches!(d.call, Call::Winograd3x3(_))));
+        plan.dispatches.iter().filter_map(shape).collect()
+    };
+    let direct = shapes(&plan(&graph, extent, &PlanOptions::default()).unwrap());
+    let chosen = ConvShape { inputs: 32, outputs: 32, token: 2 };
+    assert!(direct.iter().any(|(shape, _)| *shape == chosen) && direct.iter().all(|(_, winograd)| !winograd));
+    let f2 = ConvAlgorithm::Winograd(WinogradTile::F2);
+    // In the place of the form of all, whatever that is.
+    for (rest, form) in [(ConvAlgorithm::Direct, f2), (f2, ConvAlgorithm::Direct)] {
+        let conv_table = [(chosen, form)].into_iter().collect();
+        let options = PlanOptions { conv: rest, conv_table, ..PlanOptions::default() };
+        let found = shapes(&plan(&graph, extent, &options).unwrap());
+        assert_eq!(found.len(), direct.len());
+        for (shape, winograd) in found {
+            assert_eq!(winograd, (if shape == chosen { form } else { rest }) == f2, "{shape:?}");
         }
     }
 }

@@ -11,8 +11,9 @@ use std::sync::Mutex;
 use std::time::Instant;
 use stress::light::is_of_training;
 use stress::scene::Scene;
-use stress::subject::{Subject, Tier, without_residual};
+use stress::subject::{Exactness, Subject, Tier, without_residual};
 use stress::{Depends, Effort, bad_samples, cases};
+use vkdenoise::plan::ConvAlgorithm;
 use vkdenoise::{Denoiser, Extent, Layout, Options, PlaneMut, Weights};
 
 /// The tier that the engine would take; the kernels' own tests hold the tiers to each other.
@@ -21,13 +22,14 @@ fn tier() -> Tier {
 }
 
 /// Runs the cases that `wanted` picks. Figures of which `answers` says so must be inside their bounds.
-fn check(weights: &Weights, wanted: impl Fn(&str) -> bool, answers: impl Fn(Depends) -> bool) {
-    let mut subject = Subject::engine(device(), weights, tier()).unwrap();
+fn check(weights: &Weights, tier: Tier, wanted: impl Fn(&str) -> bool, answers: impl Fn(Depends) -> bool) {
+    let mut subject = Subject::engine(device(), weights, tier).unwrap();
     let (mut broken, mut run) = (Vec::new(), 0);
     for case in cases().into_iter().filter(|case| wanted(case.name)) {
         let started = Instant::now();
         for measured in (case.run)(&mut subject, Effort::Sample).unwrap() {
-            let line = format!("{}: {} {}, bound {}", case.name, measured.what, measured.shown(), measured.bound);
+            let shown = measured.shown();
+            let line = format!("{}, {}: {} {shown}, bound {}", tier.name, case.name, measured.what, measured.bound);
             println!("{line}");
             if !measured.is_within() && answers(measured.depends) {
                 broken.push(line);
@@ -43,20 +45,35 @@ fn check(weights: &Weights, wanted: impl Fn(&str) -> bool, answers: impl Fn(Depe
 #[test]
 fn bad_pixels_stay_local() {
     let weights = Weights::hybrid().unwrap();
-    check(&weights, |name| name.contains("bad pixel"), |depends| depends == Depends::Engine);
+    check(&weights, tier(), |name| name.contains("bad pixel"), |depends| depends == Depends::Engine);
 }
 
 #[test]
 fn content_shapes_and_sequences() {
     let weights = Weights::hybrid().unwrap();
-    check(&weights, |name| !name.contains("bad pixel"), |depends| depends == Depends::Engine);
+    check(&weights, tier(), |name| !name.contains("bad pixel"), |depends| depends == Depends::Engine);
 }
 
 /// What the network's training answers for elsewhere, the way in and out must keep by itself.
 #[test]
 fn the_way_in_and_out_alone_keeps_light() {
     let weights = without_residual(&Weights::hybrid().unwrap()).unwrap();
-    check(&weights, is_of_training, |_| true);
+    check(&weights, tier(), is_of_training, |_| true);
+}
+
+/// Maps of halves, and matrices where the device has them.
+#[test]
+fn tiers_with_halves_keep_bounds_of_their_own() {
+    let weights = Weights::hybrid().unwrap();
+    let halves = |tier: &Tier| tier.exactness == Exactness::Half && tier.conv == ConvAlgorithm::Direct;
+    let tiers: Vec<Tier> = Tier::all(device()).into_iter().filter(halves).collect();
+    if tiers.is_empty() {
+        return println!("not tested: the device has no such tier");
+    }
+    let wanted = ["one bad pixel", "firefly", "radiance", "nothing unusual", "kilometres", "checkerboard"];
+    for tier in tiers.into_iter().filter(|tier| tier.cpu_kernels == self::tier().cpu_kernels) {
+        check(&weights, tier, |name| wanted.iter().any(|w| name.contains(w)), |depends| depends == Depends::Engine);
+    }
 }
 
 /// Any 32 bits as a float, the odd kinds often.

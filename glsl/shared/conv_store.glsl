@@ -15,8 +15,7 @@ void store_result(uvec2 at, uint channel, vec4 value) {
         // Channel c of pixel (2x + dx, 2y + dy) becomes channel 4c + 2dy + dx of (x, y): one scalar of four vectors.
         uint to = ((at.y / 2u) * (dst_width / 2u) + at.x / 2u) * dst_stride + channel * 4u;
         uint component = (at.y & 1u) * 2u + (at.x & 1u);
-        TargetScalars scalars = TargetScalars(dst);
-        [[unroll]] for (int c = 0; c < 4; ++c) STORE_SCALAR(scalars, (to + c) * 4u + component, value[c]);
+        [[unroll]] for (int c = 0; c < 4; ++c) STORE_COMPONENT(dst, to + c, component, value[c]);
     } else {
         STORE(dst, pixel * dst_stride + channel, value);
     }

@@ -22,7 +22,8 @@ layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer So
 #extension GL_EXT_shader_16bit_storage : require
 layout(buffer_reference, std430, buffer_reference_align = 8) readonly buffer Residual { uvec2 v[]; };
 layout(buffer_reference, std430, buffer_reference_align = 2) writeonly buffer TargetScalars { float16_t v[]; };
-#define STORE_SCALAR(target, index, value) target.v[index] = float16_t(value)
+#define STORE_COMPONENT(target, index, component, value) \
+    TargetScalars(target).v[(index) * 4u + (component)] = float16_t(value)
 uvec2 narrow(vec4 value) {
     return uvec2(packHalf2x16(value.xy), packHalf2x16(value.zw));
 }
@@ -36,10 +37,11 @@ layout(buffer_reference, std430, buffer_reference_align = 8) writeonly buffer Ta
 #endif
 #else
 layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer Residual { vec4 v[]; };
-layout(buffer_reference, std430, buffer_reference_align = 4) writeonly buffer TargetScalars { float v[]; };
-#define STORE_SCALAR(target, index, value) target.v[index] = (value)
 #ifdef TEXELS
 #extension GL_EXT_shader_explicit_arithmetic_types_int64 : require
+layout(buffer_reference, std430, buffer_reference_align = 4) writeonly buffer TargetScalars { float v[]; };
+#define STORE_COMPONENT(target, index, component, value) \
+    TargetScalars(target).v[(index) * 4u + (component)] = (value)
 layout(buffer_reference, std430, buffer_reference_align = 16) writeonly buffer Target { u64vec2 v[]; };
 u64vec2 narrow(vec4 value) {
     return u64vec2(packUint2x32(floatBitsToUint(value.xy)), packUint2x32(floatBitsToUint(value.zw)));
@@ -47,6 +49,8 @@ u64vec2 narrow(vec4 value) {
 #define STORE(target, index, value) target.v[index] = narrow(value)
 #else
 layout(buffer_reference, std430, buffer_reference_align = 16) writeonly buffer Target { vec4 v[]; };
+// Not by a reference of another type: SwiftShader's compiler overruns its stack over a store through one made from Target.
+#define STORE_COMPONENT(target, index, component, value) target.v[index][component] = (value)
 #define STORE(target, index, value) target.v[index] = (value)
 #endif
 #endif

@@ -1,8 +1,9 @@
 //! A file again, with new colour in its place.
 
-use super::codec::{batch_len, encode_color, parallel};
+use super::codec::{batch_len, encode_color};
 use super::container::Container;
 use super::error::ExrError;
+use crate::parallel;
 use exr::block::chunk::TileCoordinates;
 use std::collections::HashMap;
 use std::io::{Seek, SeekFrom, Write};
@@ -28,7 +29,7 @@ pub(super) fn assemble(
     let mut order: Vec<usize> = (0..container.chunks.len()).collect();
     order.sort_by_key(|&i| container.chunks[i].prefix.start);
     for batch in order.chunks(batch_len(container, part)) {
-        let encoded = parallel(batch, |&i| -> Result<Option<Vec<u8>>, ExrError> {
+        let encoded = parallel::map(batch, |&i| -> Result<Option<Vec<u8>>, ExrError> {
             let chunk = &container.chunks[i];
             let tile = if chunk.part == part { tiles.get(&chunk.index) } else { None };
             tile.map(|&tile| encode_color(container, chunk, tile, channels, color)).transpose()

@@ -2,13 +2,13 @@
 
 use super::container::{Chunk, Container};
 use super::error::ExrError;
+use crate::parallel;
 use exr::block::chunk::TileCoordinates;
 use exr::math::Vec2;
 use exr::meta::attribute::{ChannelDescription, ChannelList, Compression, SampleType};
 use exr::meta::header::Header;
 use half::f16;
 use std::panic::{AssertUnwindSafe, catch_unwind};
-use std::sync::atomic::{AtomicUsize, Ordering};
 
 /// The most pixels that a data window may have: 16384 x 16384.
 pub const MAX_PIXELS: u64 = 1 << 28;
@@ -75,7 +75,7 @@ pub(super) fn decode_planes(
     let places = channel_places(&header.channels);
     let chunks = container.full_size_chunks(part);
     for batch in chunks.chunks(batch_len(container, part)) {
-        let decoded = parallel(batch, |(chunk, tile)| decompress(container, chunk, *tile));
+        let decoded = parallel::map(batch, |(chunk, tile)| decompress(container, chunk, *tile));
         for block in decoded {
             let (rectangle, bytes) = block?;
             for (channels, plane) in planes.iter().zip(&mut out) {
@@ -98,7 +98,7 @@ pub(super) fn batch_len(container: &Container, part: usize) -> usize {
     let header = container.header(part);
     let (block, size) = (header.max_block_pixel_size(), header.layer_size);
     let pixels = block.x().min(size.x()) * block.y().min(size.y());
-    (BATCH_BYTES / (pixels * header.channels.bytes_per_pixel).max(1)).clamp(workers(), 4096)
+    (BATCH_BYTES / (pixels * header.channels.bytes_per_pixel).max(1)).clamp(parallel::workers(), 4096)
 }
 
 /// Compresses one block of the colour's part anew, with `color` (interleaved RGB of the whole data window) in its
@@ -148,7 +148,7 @@ pub(super) fn cut_out(container: &Container, part: usize, rectangle: Rectangle) 
         rectangle.overlap(Rectangle { x, y, width: block.x(), height: block.y() }).is_some()
     });
     for batch in chunks.chunks(batch_len(container, part)) {
-        for block in parallel(batch, |(chunk, tile)| decompress(container, chunk, *tile)) {
+        for block in parallel::map(batch, |(chunk, tile)| decompress(container, chunk, *tile)) {
             let (from, bytes) = block?;
             copy_samples(&header.channels, (from, &bytes), (rectangle, &mut out));
         }
@@ -293,35 +293,4 @@ fn write_line(line: &mut [u8], sample_type: SampleType, values: impl Iterator<It
         // Integer channels are never chosen for the colour.
         SampleType::U32 => {}
     }
-}
-
-fn workers() -> usize {
-    std::thread::available_parallelism().map_or(1, |n| n.get()).min(16)
-}
-
-/// Maps in parallel, keeping the order.
-pub(super) fn parallel<T: Sync, R: Send>(items: &[T], work: impl Fn(&T) -> R + Sync) -> Vec<R> {
-    let workers = workers().min(items.len());
-    if workers < 2 {
-        return items.iter().map(work).collect();
-    }
-    let next = AtomicUsize::new(0);
-    let run = || {
-        let mut done = Vec::new();
-        loop {
-            let index = next.fetch_add(1, Ordering::Relaxed);
-            let Some(item) = items.get(index) else { return done };
-            done.push((index, work(item)));
-        }
-    };
-    let mut done: Vec<(usize, R)> = std::thread::scope(|scope| {
-        let threads: Vec<_> = (0..workers).map(|_| scope.spawn(run)).collect();
-        let join = |thread: std::thread::ScopedJoinHandle<'_, _>| match thread.join() {
-            Ok(done) => done,
-            Err(panic) => std::panic::resume_unwind(panic),
-        };
-        threads.into_iter().flat_map(join).collect()
-    });
-    done.sort_by_key(|(index, _)| *index);
-    done.into_iter().map(|(_, value)| value).collect()
 }

@@ -1,10 +1,11 @@
 //! The pixels of a rectangle as a file of their own: every part and channel of the file that was read, cropped.
 
-use super::codec::{self, Rectangle, copy_samples, cut_out, guarded, parallel, put_color};
+use super::codec::{self, Rectangle, copy_samples, cut_out, guarded, put_color};
 use super::container::Container;
 use super::error::ExrError;
 use super::layers::is_subsampled;
 use crate::frame::Region;
+use crate::parallel;
 use exr::block::chunk::Chunk;
 use exr::block::writer::ChunksWriter;
 use exr::block::{BlockIndex, UncompressedBlock, enumerate_ordered_header_block_indices};
@@ -60,8 +61,9 @@ pub(super) fn write(
     let written = exr::block::write(out, headers, false, |meta, writer| {
         let blocks: Vec<(usize, BlockIndex)> = enumerate_ordered_header_block_indices(&meta.headers).collect();
         for batch in blocks.chunks(BATCH) {
-            let chunks =
-                parallel(batch, |&(at, block)| compress(container, &meta.headers, at, block, &samples[block.layer]));
+            let chunks = parallel::map(batch, |&(at, block)| {
+                compress(container, &meta.headers, at, block, &samples[block.layer])
+            });
             for (&(at, _), chunk) in batch.iter().zip(chunks) {
                 writer.write_chunk(at, chunk.map_err(|error| exr::error::Error::Io(Error::other(error)))?)?;
             }

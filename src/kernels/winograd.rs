@@ -4,9 +4,10 @@ use super::contract::Contract;
 use super::contracts::{self, halves};
 use super::dense::Conv3x3;
 use super::{Addresses, Kernel, PushBytes, TILE, TexelRange, Traffic, Variants, by_storage, groups};
+use serde::{Deserialize, Serialize};
 
 /// Outputs of one Winograd tile on a side.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum WinogradTile {
     /// F(2x2, 3x3): 16 products for 4 outputs where the definition takes 36.
     F2,

@@ -1,5 +1,6 @@
 //! What a plan may choose: memory, and which of several lowerings an operation takes.
 
+use super::conv_table::ConvTable;
 use super::pack::Pack;
 use crate::kernels::dense::TILE_CHANNELS;
 use crate::kernels::separable::Separable3x3;
@@ -7,6 +8,7 @@ use crate::kernels::winograd::WinogradTile;
 use crate::kernels::{Call, Storage};
 use crate::net::Folds;
 use crate::net::graph::{ConvWeight, Graph, OpKind, Shuffle};
+use serde::{Deserialize, Serialize};
 
 /// What a plan may choose.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -22,6 +24,8 @@ pub struct PlanOptions {
     pub folds: Folds,
     /// How dense 3x3 convolutions are computed.
     pub conv: ConvAlgorithm,
+    /// How those of some shapes are, in the place of [`PlanOptions::conv`].
+    pub conv_table: ConvTable,
     /// How depthwise and pointwise convolutions that belong together are.
     pub separable: SeparableForm,
     /// How feature maps are stored. Log colour and residual are 32-bit floats always.
@@ -48,6 +52,7 @@ impl Default for PlanOptions {
             keep_features: false,
             folds: Folds::ALL,
             conv: ConvAlgorithm::default(),
+            conv_table: ConvTable::default(),
             separable: SeparableForm::default(),
             storage: Storage::F32,
             max_chain_bytes: max_chain_bytes(Storage::F32),
@@ -56,7 +61,7 @@ impl Default for PlanOptions {
 }
 
 /// How dense 3x3 convolutions of stride 1 to more than four channels are computed. Others are direct.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash, Serialize, Deserialize)]
 pub enum ConvAlgorithm {
     /// By the definition.
     #[default]
@@ -66,11 +71,11 @@ pub enum ConvAlgorithm {
 }
 
 impl ConvAlgorithm {
-    /// The tile for a convolution of this stride and so many outputs; `None`: direct.
-    pub(super) fn tile(self, stride: u32, outputs: u32) -> Option<WinogradTile> {
+    /// The tile; `None`: direct.
+    pub(super) fn tile(self) -> Option<WinogradTile> {
         match self {
-            Self::Winograd(tile) if stride == 1 && outputs > crate::kernels::dense::NARROW_CHANNELS => Some(tile),
-            _ => None,
+            Self::Winograd(tile) => Some(tile),
+            Self::Direct => None,
         }
     }
 }

@@ -4,6 +4,7 @@
 mod arena;
 mod bands;
 mod choices;
+mod conv_table;
 mod featureless;
 mod features;
 mod hazards;
@@ -20,6 +21,7 @@ use crate::net::graph::Stage;
 use pack::Pack;
 
 pub use choices::{ConvAlgorithm, PlanOptions, SeparableForm, max_chain_bytes};
+pub use conv_table::{ConvShape, ConvTable};
 pub use lower::{plan, plan_part};
 
 /// Where a buffer of the plan lies.

@@ -1,6 +1,7 @@
 //! From one operation to its kernel.
 
 use super::choices::{conv_pack, fuse, is_separable};
+use super::conv_table::ConvShape;
 use super::lower::{Lowering, Partials};
 use super::pack::{Pack, linear_outputs};
 use crate::kernels::winograd::Winograd3x3;
@@ -27,7 +28,9 @@ impl Lowering<'_> {
                 let channels = conv_outputs(*shuffle, *output);
                 // Winograd has no form between two storages.
                 let (src, dst) = (self.view(*input), self.view(*output));
-                let tile = self.options.conv.tile(*stride, channels).filter(|_| src.storage == dst.storage);
+                let shape = ConvShape::new(&src, channels, *stride, self.padded.width);
+                let form = |shape| self.options.conv_table.get(shape).unwrap_or(self.options.conv);
+                let tile = shape.and_then(|shape| form(shape).tile()).filter(|_| src.storage == dst.storage);
                 let pack = conv_pack(weight, *bias, (input.channels, channels), *shuffle, tile);
                 let conv = dense::Conv3x3 {
                     src,

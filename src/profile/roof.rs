@@ -4,7 +4,7 @@
 use crate::error::{Error, Result};
 use crate::kernels::contract::Contract;
 use crate::kernels::contracts::{self, RoofCopyPush, RoofFmaPush};
-use crate::record::Pipelines;
+use crate::pipelines::Pipelines;
 use crate::vk::device::Device;
 use crate::vk::matrix::MatrixShape;
 use crate::vk::memory::Buffer;

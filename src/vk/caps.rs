@@ -88,6 +88,21 @@ pub struct Caps {
     pub timestamp_period: f32,
     /// Bits of a timestamp that count.
     pub timestamp_bits: u32,
+    /// Which device and driver it is.
+    pub identity: Identity,
+}
+
+/// What tells a device and its driver from others: what one made, another cannot use.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Identity {
+    /// The vendor's number.
+    pub vendor: u32,
+    /// The device's number among its vendor's.
+    pub device: u32,
+    /// The driver's version.
+    pub driver: u32,
+    /// `pipelineCacheUUID`: changes with the driver's compiler.
+    pub uuid: [u8; 16],
 }
 
 /// Smallest subgroup of [`Need::CpuDriver`]: eight lanes share weights.
@@ -266,6 +281,12 @@ pub(crate) fn inspect(instance: &ash::Instance, physical: vk::PhysicalDevice, in
         timestamp_period: limits.timestamp_period,
         // The queue's own, once it is known.
         timestamp_bits: 0,
+        identity: Identity {
+            vendor: base.vendor_id,
+            device: base.device_id,
+            driver: base.driver_version,
+            uuid: base.pipeline_cache_uuid,
+        },
     };
     (info, caps)
 }

@@ -4,7 +4,9 @@ use super::Checked;
 use super::caps::{self, Caps, DeviceInfo, Requirements};
 use super::instance::{Messages, OwnedInstance};
 use super::matrix;
+use super::pipeline_cache::PipelineCache;
 use super::selector::{DeviceSelector, enumerate, select};
+use crate::cache::{Cache, CacheFile};
 use crate::error::{Error, Result};
 use ash::{khr, vk};
 use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
@@ -29,6 +31,8 @@ pub struct DeviceOptions {
     pub host_clock: bool,
     /// The Vulkan loader's library, where it is not the system's own.
     pub loader: Option<PathBuf>,
+    /// Where compiled kernels and measured choices are kept for the next process.
+    pub cache: Cache,
 }
 
 /// A renderer's device, as it hands it over.
@@ -51,6 +55,8 @@ pub struct RendererDevice {
     /// The functions of `VK_KHR_cooperative_matrix`, where it was enabled together with all of
     /// [`Requirements::matrix_extensions`] and [`Requirements::matrix_features`]: [`crate::Precision::Matrix`] needs them.
     pub cooperative_matrix: Option<khr::cooperative_matrix::Instance>,
+    /// Where compiled kernels and measured choices are kept for the next process.
+    pub cache: Cache,
 }
 
 /// A Vulkan device that denoisers run on. Cheap to clone; `Send` and `Sync`.
@@ -63,6 +69,9 @@ struct Inner {
     raw: ash::Device,
     allocator: ManuallyDrop<Mutex<Allocator>>,
     memory_in_use: AtomicU64,
+    pipeline_cache: PipelineCache,
+    /// Where what was learnt of the device is kept.
+    cache: Cache,
     queue_family: u32,
     /// The queue of our own device. A renderer keeps its queues to itself.
     queue: Option<Mutex<vk::Queue>>,
@@ -182,6 +191,8 @@ impl Device {
         };
         Ok(Self(Arc::new(Inner {
             info,
+            pipeline_cache: PipelineCache::new(&raw, &caps.identity, &options.cache),
+            cache: options.cache.clone(),
             caps,
             raw,
             allocator,
@@ -213,6 +224,7 @@ impl Device {
             shader_int64,
             host_query_reset,
             cooperative_matrix,
+            cache,
         } = renderer;
         // SAFETY: the caller vouches for the handles.
         let physicals = unsafe { instance.enumerate_physical_devices() }.called("vkEnumeratePhysicalDevices")?;
@@ -238,8 +250,10 @@ impl Device {
         };
         Ok(Self(Arc::new(Inner {
             info,
-            caps,
             allocator: allocator(&instance, physical_device, &device)?,
+            pipeline_cache: PipelineCache::new(&device, &caps.identity, &cache),
+            cache,
+            caps,
             raw: device,
             memory_in_use: AtomicU64::new(0),
             queue_family,
@@ -297,6 +311,15 @@ impl Device {
         self.0.executables.as_ref()
     }
 
+    /// A file of the cache for what was found on this device, with this driver and these kernels; `None`: nothing is kept.
+    pub(crate) fn cache_file(&self, what: &str) -> Option<CacheFile> {
+        CacheFile::of_device(&self.0.cache, what, &self.caps().identity)
+    }
+
+    pub(crate) fn pipeline_cache(&self) -> &PipelineCache {
+        &self.0.pipeline_cache
+    }
+
     pub(crate) fn queue_family(&self) -> u32 {
         self.0.queue_family
     }
@@ -308,10 +331,11 @@ impl Device {
 
 impl Drop for Inner {
     fn drop(&mut self) {
-        // SAFETY: every object made from the device holds a clone of `Device`, so none is left; the allocator must go
+        // SAFETY: every object made from the device holds a clone of `Device`, so none is left; allocator and cache must go
         // before the device, and the instance (a field) goes last.
         unsafe {
             ManuallyDrop::drop(&mut self.allocator);
+            self.raw.destroy_pipeline_cache(self.pipeline_cache.raw, None);
             if self.owned.is_some() {
                 self.raw.destroy_device(None);
             }

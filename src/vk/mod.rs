@@ -7,6 +7,7 @@ pub mod instance;
 pub mod matrix;
 pub mod memory;
 pub mod pipeline;
+pub mod pipeline_cache;
 pub mod selector;
 pub mod statistics;
 pub mod submit;

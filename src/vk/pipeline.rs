@@ -75,8 +75,8 @@ impl Pipeline {
             None => vk::PipelineCreateFlags::empty(),
         };
         let info = vk::ComputePipelineCreateInfo::default().flags(flags).stage(stage).layout(pipeline.layout);
-        // SAFETY: module and layout are alive.
-        let made = unsafe { vk_device.create_compute_pipelines(vk::PipelineCache::null(), &[info], None) };
+        // SAFETY: module, layout and cache are alive.
+        let made = unsafe { vk_device.create_compute_pipelines(device.pipeline_cache().raw, &[info], None) };
         // SAFETY: a module may go once its pipelines are made.
         unsafe { vk_device.destroy_shader_module(module, None) };
         pipeline.raw =

@@ -2,14 +2,19 @@
 
 use std::sync::OnceLock;
 use vkdenoise::vk::device::DeviceOptions;
-use vkdenoise::{Device, DeviceSelector};
+use vkdenoise::{Cache, Device, DeviceSelector};
 
 /// The device that `VKDENOISE_DEVICE` names, or the best.
 pub fn device() -> &'static Device {
     static DEVICE: OnceLock<Device> = OnceLock::new();
     DEVICE.get_or_init(|| {
         let selector = DeviceSelector::from_env().unwrap_or_default();
-        let device = Device::open_with(&DeviceOptions { selector, validation: true, ..DeviceOptions::default() });
+        let device = Device::open_with(&DeviceOptions {
+            selector,
+            validation: true,
+            cache: Cache::Off,
+            ..DeviceOptions::default()
+        });
         device.unwrap_or_else(|error| panic!("no device to test on: {error}"))
     })
 }

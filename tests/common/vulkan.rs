@@ -4,7 +4,7 @@
 use ash::{ext, khr, vk};
 use std::ffi::{CStr, c_void};
 use std::sync::Mutex;
-use vkdenoise::{Device, RendererDevice};
+use vkdenoise::{Cache, Device, RendererDevice};
 
 pub struct Renderer {
     entry: ash::Entry,
@@ -148,6 +148,7 @@ impl Renderer {
             cooperative_matrix: self
                 .matrices
                 .then(|| khr::cooperative_matrix::Instance::new(&self.entry, &self.instance)),
+            cache: Cache::Off,
         }
     }
 

@@ -17,7 +17,8 @@ pub struct ParetoArgs {
     /// Results file, a JSON line a record. A sweep that was stopped goes on with it.
     #[arg(long, default_value = "pareto.jsonl")]
     results: PathBuf,
-    /// A network besides the built-in one, as NAME=WEIGHTS; may be given again.
+    /// A network that ships (hybrid, expanded_patch) or another as NAME=WEIGHTS; may be given again. Those that ship, where
+    /// none is named.
     #[arg(long)]
     network: Vec<NetworkSpec>,
     /// Only the tier of this name; may be given again. All that the device runs: see `stress`.
@@ -32,8 +33,9 @@ pub struct ParetoArgs {
     /// Timed runs of every setting on every frame, after one that warms up.
     #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..))]
     repeat: u32,
-    /// Side of the upper left part that is compared with f64, in pixels; 128x128 takes ten seconds on two cores.
-    #[arg(long, default_value_t = 128, value_parser = clap::value_parser!(u32).range(1..))]
+    /// Side of the upper left part that is compared with f64, in pixels; 128x128 takes ten seconds on two cores. 0: nothing
+    /// is compared.
+    #[arg(long, default_value_t = 128)]
     exact_side: u32,
     /// A program to measure beside the engine, as NAME=COMMAND; may be given again. tools/measure/oidn_peer.py and
     /// pytorch_peer.py are such programs.
@@ -59,19 +61,21 @@ pub struct ParetoArgs {
     plot: Option<PathBuf>,
 }
 
-/// A network's name and file.
+/// A network's name, and its file where it does not ship.
 #[derive(Clone)]
 struct NetworkSpec {
     name: String,
-    file: PathBuf,
+    file: Option<PathBuf>,
 }
 
 impl std::str::FromStr for NetworkSpec {
-    type Err = String;
+    type Err = std::convert::Infallible;
 
-    fn from_str(text: &str) -> Result<Self, String> {
-        let parts = text.split_once('=').ok_or_else(|| format!("'{text}' is not NAME=WEIGHTS"))?;
-        Ok(Self { name: parts.0.into(), file: parts.1.into() })
+    fn from_str(text: &str) -> Result<Self, Self::Err> {
+        Ok(match text.split_once('=') {
+            Some((name, file)) => Self { name: name.into(), file: Some(file.into()) },
+            None => Self { name: text.into(), file: None },
+        })
     }
 }
 
@@ -132,7 +136,7 @@ fn sweep(
     let is_used = |network: &&Network| settings.iter().any(|setting| setting.names().0 == network.name);
     let exact = networks
         .iter()
-        .filter(is_used)
+        .filter(|network| args.exact_side > 0 && is_used(network))
         .map(|network| Ok((network.name.as_str(), Exact::of(network, &scene, args.exact_side)?)))
         .collect::<Result<Vec<_>>>()?;
     let of_network = |name: &str| exact.iter().find(|(known, _)| *known == name).map(|(_, exact)| exact);
@@ -149,12 +153,27 @@ fn tiers(device: &Device, wanted: &[String]) -> Result<Vec<Tier>> {
 }
 
 fn networks(specs: &[NetworkSpec]) -> Result<Vec<Network>> {
-    let mut networks = vec![Network { name: "hybrid".into(), weights: Weights::hybrid()? }];
-    for spec in specs {
-        if networks.iter().any(|known| known.name == spec.name) {
-            return Err(format!("two networks of the name '{}': give each another", spec.name).into());
+    let shipped = [Weights::hybrid()?, Weights::expanded_patch()?]
+        .map(|weights| Network { name: weights.arch().name.clone(), weights });
+    if specs.is_empty() {
+        return Ok(shipped.into());
+    }
+    let mut shipped: Vec<Network> = shipped.into();
+    let mut networks: Vec<Network> = Vec::new();
+    for NetworkSpec { name, file } in specs {
+        if networks.iter().any(|known| known.name == *name) {
+            return Err(format!("two networks of the name '{name}': give each another").into());
         }
-        networks.push(Network { name: spec.name.clone(), weights: Weights::from_file(&spec.file)? });
+        networks.push(match file {
+            Some(file) => {
+                let weights = Weights::from_file(file).map_err(|error| format!("{}: {error}", file.display()))?;
+                Network { name: name.clone(), weights }
+            }
+            None => match shipped.iter().position(|network| network.name == *name) {
+                Some(at) => shipped.swap_remove(at),
+                None => return Err(format!("no network '{name}' ships: give its file as {name}=WEIGHTS").into()),
+            },
+        });
     }
     Ok(networks)
 }

@@ -3,7 +3,7 @@
 use clap::Parser;
 use std::path::PathBuf;
 use vkdenoise::exr_io::FeatureSource;
-use vkdenoise::{DeviceSelector, Exposure, Precision, Region};
+use vkdenoise::{Cache, DeviceSelector, Exposure, Precision, Quality, Region};
 
 /// Denoises OpenEXR renders with Vulkan.
 ///
@@ -37,8 +37,12 @@ pub struct Args {
     #[arg(long, value_name = "NAME")]
     pub layer: Option<String>,
 
-    /// Weights file (safetensors) in place of the built-in one
-    #[arg(long, value_name = "F")]
+    /// Run time against error: fast, balanced or high. It chooses the network and, where --precision is auto, the storage
+    #[arg(long, value_name = "Q", default_value = "balanced", value_parser = parsed::<Quality>)]
+    pub quality: Quality,
+
+    /// Weights file (safetensors) in place of a built-in network
+    #[arg(long, value_name = "F", conflicts_with = "quality")]
     pub weights: Option<PathBuf>,
 
     /// Vulkan device: "best", an index of --list-devices or part of a name [env: VKDENOISE_DEVICE]
@@ -61,6 +65,15 @@ pub struct Args {
     /// Most device memory to use, in MiB: an image that needs more is refused
     #[arg(long, value_name = "MIB")]
     pub memory_budget: Option<u64>,
+
+    /// Where to keep compiled kernels for the next run: a folder, "user" (vkdenoise in the user's cache folder) or "off"
+    #[arg(long, value_name = "DIR", env = "VKDENOISE_CACHE", default_value = "user", value_parser = parsed::<Cache>)]
+    pub cache: Cache,
+
+    /// Take the form of each convolution that is fastest on this device for images of about the size of the first: measured
+    /// once, which takes some passes, and remembered in --cache
+    #[arg(long)]
+    pub tune: bool,
 
     /// Denoise these pixels alone, for part of the work and with the same result: X,Y,W,H, counted from the upper left
     /// corner of the image. The output is the input cropped to them

@@ -31,6 +31,8 @@ pub struct Outcome<'a> {
     pub region: Option<Region>,
     pub device: &'a str,
     pub driver: &'a str,
+    /// The network's name.
+    pub network: String,
     pub precision: String,
     pub report: &'a Report,
     pub selection: &'a Selection,
@@ -59,6 +61,7 @@ struct Record<'a> {
     work: f64,
     device: &'a str,
     driver: &'a str,
+    network: &'a str,
     precision: &'a str,
     exposure: f32,
     gpu_ms: Option<f64>,
@@ -92,6 +95,7 @@ impl Outcome<'_> {
             work: self.report.work,
             device: self.device,
             driver: self.driver,
+            network: &self.network,
             precision: &self.precision,
             exposure: self.report.exposure,
             gpu_ms: self.report.gpu_ms,
@@ -138,9 +142,10 @@ impl Outcome<'_> {
             format!("{width} x {height} from ({x}, {y}), {:.1} % of the work, of ", 100.0 * report.work)
         });
         format!(
-            "{}: {part}{width} x {height}, exposure {:.4}, {} in {:.1} ms{gpu} ({})",
+            "{}: {part}{width} x {height}, exposure {:.4}, {} {} in {:.1} ms{gpu} ({})",
             self.job.output.display(),
             report.exposure,
+            self.network,
             self.precision,
             report.total_ms,
             self.device,

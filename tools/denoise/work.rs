@@ -7,7 +7,9 @@ use crate::{Failure, interrupt, preview};
 use indicatif::{ProgressBar, ProgressStyle};
 use std::time::Duration;
 use vkdenoise::exr_io::{ExrError, ExrFrame, LayerOptions};
-use vkdenoise::{Denoiser, Device, DeviceSelector, Error, Extent, Layout, Options, PlaneMut, Weights};
+use vkdenoise::{
+    Denoiser, Device, DeviceOptions, DeviceSelector, Error, Extent, Layout, Options, PlaneMut, Precision, Weights,
+};
 
 /// Does all jobs. One that fails does not keep the others from being done.
 pub fn run(args: &Args, jobs: &[Job]) -> Result<(), Failure> {
@@ -15,7 +17,7 @@ pub fn run(args: &Args, jobs: &[Job]) -> Result<(), Failure> {
         Some(file) => {
             Weights::from_file(file).map_err(|error| Failure::Failed(format!("{}: {error}", file.display())))?
         }
-        None => Weights::hybrid().map_err(Failure::failed)?,
+        None => args.quality.weights().map_err(Failure::failed)?,
     };
     let mut session = Session { args, weights, engine: None, bar: bar(args, jobs.len()) };
     let mut failed = 0;
@@ -78,18 +80,23 @@ struct Engine {
 }
 
 impl Engine {
-    fn open(args: &Args, weights: &Weights) -> Result<Self, Error> {
+    /// For images of about `extent`.
+    fn open(args: &Args, weights: &Weights, extent: Extent) -> Result<Self, Error> {
         let selector = args.device.clone().or_else(DeviceSelector::from_env).unwrap_or_default();
+        let cache = args.cache.clone();
+        let device = Device::open_with(&DeviceOptions { selector, cache, ..DeviceOptions::default() })?;
         let Args { precision, exposure, blend, memory_budget, .. } = args;
         let options = Options {
-            precision: *precision,
+            precision: if *precision == Precision::Auto { args.quality.precision(&device) } else { *precision },
             exposure: *exposure,
             blend: *blend,
             memory_budget: memory_budget.map(|mib| mib << 20),
             ..Options::default()
         };
-        let device = Device::open(&selector)?;
-        let mut denoiser = Denoiser::new(&device, weights, &options)?;
+        let mut denoiser = match args.tune {
+            true => Denoiser::tuned(&device, weights, &options, extent)?,
+            false => Denoiser::new(&device, weights, &options)?,
+        };
         denoiser.set_region(args.region);
         Ok(Self { device, denoiser })
     }
@@ -108,8 +115,9 @@ impl Session<'_> {
         // Opened for the first image: by now the arguments and that image have proved good.
         let engine = match &mut self.engine {
             Some(engine) => engine,
-            none => none
-                .insert(Engine::open(self.args, &self.weights).map_err(|e| Trouble::Everything(Failure::failed(e)))?),
+            none => none.insert(
+                Engine::open(self.args, &self.weights, extent).map_err(|e| Trouble::Everything(Failure::failed(e)))?,
+            ),
         };
         let mut color = vec![0.0; image.color().len()];
         let target = PlaneMut::f32(&mut color, Layout::interleaved(extent, 3));
@@ -150,6 +158,7 @@ impl Session<'_> {
             region,
             device: &info.name,
             driver: &info.driver,
+            network: self.weights.arch().name.clone(),
             precision,
             report: &report,
             selection: image.selection(),

@@ -1,5 +1,6 @@
 //! Pixels of NaN, Inf, absurd and negative values, in every plane.
 
+use super::moves::{FarMoves, Unit};
 use super::random::Random;
 use super::scene::Scene;
 use super::subject::Subject;
@@ -91,10 +92,8 @@ pub fn places(effort: Effort) -> &'static [(u32, u32)] {
 
 fn one(subject: &mut Subject, effort: Effort, targets: &[Target]) -> Result<Vec<Measured>> {
     let scene = Scene::new(Extent::new(SIDE, SIDE), 1);
-    let key = scene.key()?;
-    let clean = subject.denoise_undisturbed(&scene)?;
     let mut sound = sound();
-    let mut moved = Measured::new("far pixels move, of value + 1e-3 key", Bound::AtMost(0.01));
+    let mut moves = FarMoves::new(subject, &scene, Unit::Value)?;
     let mut mean = Measured::new("the mean moves, of itself", Bound::AtMost(0.01));
     let values: &[f32] = match effort {
         Effort::Sample => &[f32::INFINITY],
@@ -111,25 +110,15 @@ fn one(subject: &mut Subject, effort: Effort, targets: &[Target]) -> Result<Vec<
             let output = subject.denoise(&scene)?;
             let input = Input { value, place: Some((x, y)) };
             sound.take(bad_samples(&output), input);
-            moved.take(largest_move(&output, &clean, key, far((x, y))), input);
-            mean.take(mean_move(&output, &clean), input);
+            moves.take(&output, far((x, y)), input)?;
+            mean.take(mean_move(&output, moves.clean()), input);
         }
     }
-    Ok(vec![sound, moved, mean])
+    Ok(std::iter::once(sound).chain(moves.figures()).chain([mean]).collect())
 }
 
 fn scene_pixel(x: u32, y: u32) -> usize {
     (y * SIDE + x) as usize
-}
-
-/// The largest `|a - b| / (b + 1e-3 key)` of the samples that `counts` picks.
-pub fn largest_move(output: &[f32], clean: &[f32], key: f64, counts: impl Fn(usize) -> bool) -> f64 {
-    let moves = output.iter().zip(clean).enumerate().filter(|(i, _)| counts(*i)).map(|(_, (&a, &b))| {
-        let (a, b) = (f64::from(a), f64::from(b));
-        (a - b).abs() / (b + 1e-3 * key)
-    });
-    // Not `f64::max`: that would forgive a NaN.
-    moves.fold(0.0, |worst, m| if m > worst || m.is_nan() { m } else { worst })
 }
 
 fn mean_move(output: &[f32], clean: &[f32]) -> f64 {

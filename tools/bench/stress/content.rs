@@ -1,16 +1,21 @@
 //! Pictures and features at the ends of what renderers write. Beside the plain rule that an output is finite and at least
-//! 0, the engine's residual is held to the f64 reference's.
+//! 0, the engine is held to the f64 reference: its residual in 32-bit floats, what a screen shows where there are halves.
 
+use super::moves::{Unit, tone_mapped_db};
 use super::scene::Scene;
-use super::subject::{Exactness, Subject};
+use super::subject::{Engine, Exactness, Subject};
 use super::{Bound, Cases, Effort, Measured, Result, bad_samples, sound};
-use vkdenoise::Extent;
+use vkdenoise::kernels::stats::EXPOSURE;
 use vkdenoise::metrics::nmse;
+use vkdenoise::net::Graph;
+use vkdenoise::plan::{PlanOptions, plan};
 use vkdenoise::reference::Reference;
 use vkdenoise::testing::denoise_and_read;
+use vkdenoise::{Extent, Layout, PlaneMut};
 
 /// What this module measures.
 pub const CASES: Cases = &[
+    ("nothing unusual", |s, e| content(s, e, |_| ())),
     ("all black", |s, e| content(s, e, |scene| scene.color.fill(0.0))),
     ("all equal", |s, e| content(s, e, |scene| scene.color.fill(0.5))),
     ("a step of 1e6 contrast", |s, e| content(s, e, |scene| by_pixel(scene, |x, _| if x < 29 { 1e-3 } else { 1e3 }))),
@@ -56,20 +61,38 @@ fn content(subject: &mut Subject, effort: Effort, change: fn(&mut Scene)) -> Res
     let mut sound = sound();
     sound.take(bad_samples(&subject.denoise(&scene)?), "");
     let mut figures = vec![sound];
-    let Some(engine) = subject.as_engine() else { return Ok(figures) };
     // The reference takes its time; colour at its ends is where it can differ most.
     let wanted = effort == Effort::Everything || scene.color != Scene::new(EXTENT, 7).color;
-    if wanted && engine.tier.exactness == Exactness::Single {
-        let (found, plan) = denoise_and_read(&mut engine.denoiser, &scene.frame(), |plan| plan.residual.buffer)?;
-        let mut reference = Reference::new(&plan, &engine.weights)?;
-        reference.set_frame(&scene.frame(), None, 0.0)?;
-        reference.run();
-        let expected: Vec<f32> = reference.buffer(plan.residual.buffer).iter().map(|&v| v as f32).collect();
-        let mut error = Measured::new("residual's NMSE to f64", Bound::AtMost(1e-9));
-        error.take(nmse(&found, &expected)?, "");
-        figures.push(error);
+    if let Some(engine) = subject.as_engine().filter(|_| wanted) {
+        figures.push(to_reference(engine, &scene)?);
     }
     Ok(figures)
+}
+
+/// How far the engine is from the f64 reference.
+fn to_reference(engine: &mut Engine, scene: &Scene) -> Result<Measured> {
+    let (residual, _) = denoise_and_read(&mut engine.denoiser, &scene.frame(), |plan| plan.residual.buffer)?;
+    let plan = plan(&Graph::new(engine.weights.arch())?, scene.extent, &PlanOptions::default())?;
+    let mut reference = Reference::new(&plan, &engine.weights)?;
+    reference.set_frame(&scene.frame(), None, 0.0)?;
+    reference.run();
+    let single = |values: &[f64]| values.iter().map(|&v| v as f32).collect::<Vec<_>>();
+    let mut figure;
+    match engine.tier.exactness {
+        Exactness::Single => {
+            figure = Measured::new("residual's NMSE to f64", Bound::AtMost(1e-9));
+            figure.take(nmse(&residual, &single(reference.buffer(plan.residual.buffer)))?, "");
+        }
+        Exactness::Half => {
+            figure = Measured::new("tone-mapped dB to f64", Bound::AtLeast(60.0));
+            let mut output = vec![f32::NAN; scene.color.len()];
+            let rgb = Layout::interleaved(scene.extent, 3);
+            engine.denoiser.denoise(&scene.frame(), PlaneMut::f32(&mut output, rgb))?;
+            let exposure = reference.buffer(plan.stats)[EXPOSURE];
+            figure.take(tone_mapped_db(&output, &single(reference.output()), 0.18 / exposure)?, "");
+        }
+    }
+    Ok(figure)
 }
 
 /// The unit of depth makes no difference.
@@ -79,7 +102,16 @@ fn depth_unit(subject: &mut Subject, _: Effort) -> Result<Vec<Measured>> {
     let metres = subject.denoise(&scene)?;
     scene.depth.iter_mut().flatten().for_each(|v| *v *= 1e-3);
     let kilometres = subject.denoise(&scene)?;
-    let mut moved = Measured::new("pixels move, of value + 1e-3 key", Bound::AtMost(1e-3));
-    moved.take(super::bad_pixels::largest_move(&kilometres, &metres, key, |_| true), "");
+    let mut moved;
+    match subject.exactness() {
+        Exactness::Single => {
+            moved = Measured::new("pixels move, of value + 1e-3 key", Bound::AtMost(1e-3));
+            moved.take(Unit::Value.largest(&kilometres, &metres, key, |_| true), "");
+        }
+        Exactness::Half => {
+            moved = Measured::new("tone-mapped dB to metres", Bound::AtLeast(50.0));
+            moved.take(tone_mapped_db(&kilometres, &metres, key)?, "");
+        }
+    }
     Ok(vec![moved])
 }

@@ -1,6 +1,7 @@
 //! Very bright light that may be true, and light of any scale.
 
 use super::bad_pixels::{SIDE, far, places};
+use super::moves::{FarMoves, Unit, tone_mapped_db};
 use super::random::Random;
 use super::scene::Scene;
 use super::subject::{Exactness, Subject};
@@ -24,9 +25,8 @@ pub fn is_of_training(case: &str) -> bool {
 fn firefly(subject: &mut Subject, effort: Effort) -> Result<Vec<Measured>> {
     let scene = Scene::new(Extent::new(SIDE, SIDE), 1);
     let key = scene.key()?;
-    let clean = subject.denoise_undisturbed(&scene)?;
     let mut sound = sound();
-    let mut moved = Measured::new("far pixels move, of the key", Bound::AtMost(0.01));
+    let mut moves = FarMoves::new(subject, &scene, Unit::Key)?;
     let keys: &[f64] = match effort {
         Effort::Sample => &[0.99e8],
         Effort::Everything => &[1e2, 1e3, 1e4, 1e6, 0.99e8],
@@ -39,12 +39,10 @@ fn firefly(subject: &mut Subject, effort: Effort) -> Result<Vec<Measured>> {
             let output = subject.denoise(&scene.with_color(color))?;
             let input = format!("{keys:.0e} keys at {x},{y}");
             sound.take(bad_samples(&output), &input);
-            let is_far = far((x, y));
-            let moves = output.iter().zip(&clean).enumerate().filter(|(i, _)| is_far(*i));
-            moves.for_each(|(_, (&a, &b))| moved.take((f64::from(a) - f64::from(b)).abs() / key, &input));
+            moves.take(&output, far((x, y)), &input)?;
         }
     }
-    Ok(vec![sound, moved])
+    Ok(std::iter::once(sound).chain(moves.figures()).collect())
 }
 
 /// The scene that fireflies fall on.
@@ -113,8 +111,8 @@ fn scaled(subject: &mut Subject, effort: Effort) -> Result<Vec<Measured>> {
         let output = subject.denoise(&scene.with_color(times(&scene.color, factor)))?;
         let output = times(&output, factor.recip());
         let value = match subject.exactness() {
-            Exactness::Single => super::bad_pixels::largest_move(&output, &plain, key, |_| true),
-            Exactness::Half => Comparison::new(scene.extent, &output, &plain)?.tone_mapped_db((0.18 / key) as f32),
+            Exactness::Single => Unit::Value.largest(&output, &plain, key, |_| true),
+            Exactness::Half => tone_mapped_db(&output, &plain, key)?,
         };
         figure.take(value, format!("1e{power}"));
     }

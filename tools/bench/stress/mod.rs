@@ -9,6 +9,7 @@
 pub mod bad_pixels;
 pub mod content;
 pub mod light;
+pub mod moves;
 #[path = "../../../tests/common/random.rs"]
 pub mod random;
 pub mod scene;

@@ -62,7 +62,16 @@ impl Tier {
         }
         if Bench::can_store_halves(device) {
             let halves = Self { precision: Precision::F16, exactness: Exactness::Half, ..preferred };
+            let winograd = |name, tile| Self { name, conv: ConvAlgorithm::Winograd(tile), ..halves };
             tiers.push(Self { name: "fp16 storage", ..halves });
+            tiers.push(winograd("fp16 storage, Winograd F(2x2)", WinogradTile::F2));
+            tiers.push(winograd("fp16 storage, Winograd F(4x4)", WinogradTile::F4));
+            if preferred.cpu_kernels {
+                tiers.push(Self { name: "fp16 storage, portable kernels", cpu_kernels: false, ..halves });
+            }
+        }
+        if device.has_matrices() {
+            tiers.push(Self { name: "matrix", precision: Precision::Matrix, exactness: Exactness::Half, ..preferred });
         }
         tiers
     }
@@ -98,6 +107,8 @@ pub struct Subject {
     kind: Kind,
     /// The latest undisturbed scene and its result: several cases begin with the same.
     undisturbed: Option<(Scene, Vec<f32>)>,
+    /// The latest scene that 32-bit floats denoised for a tier with halves, and their result.
+    single: Option<(Scene, Vec<f32>)>,
 }
 
 enum Kind {
@@ -125,12 +136,12 @@ impl Subject {
     pub fn engine(device: &Device, weights: &Weights, tier: Tier) -> Result<Self> {
         let denoiser = tier.denoiser(device, weights, &Options::default())?;
         let engine = Engine { tier, device: device.clone(), weights: weights.clone(), denoiser };
-        Ok(Self { kind: Kind::Engine(Box::new(engine)), undisturbed: None })
+        Ok(Self { kind: Kind::Engine(Box::new(engine)), undisturbed: None, single: None })
     }
 
     /// A process that denoises what it is sent.
     pub fn peer(peer: Peer) -> Self {
-        Self { kind: Kind::Peer(peer), undisturbed: None }
+        Self { kind: Kind::Peer(peer), undisturbed: None, single: None }
     }
 
     /// Denoises a scene. Samples that were not written are NaN.
@@ -160,6 +171,24 @@ impl Subject {
         let output = self.denoise(scene)?;
         self.undisturbed = Some((scene.clone(), output.clone()));
         Ok(output)
+    }
+
+    /// What 32-bit floats make of a scene, for a tier with halves; `None` for every other subject.
+    ///
+    /// # Errors
+    /// As [`Denoiser::new`] and [`Subject::denoise`].
+    pub fn in_single(&mut self, scene: &Scene) -> Result<Option<Vec<f32>>> {
+        let Kind::Engine(engine) = &self.kind else { return Ok(None) };
+        if engine.tier.exactness == Exactness::Single {
+            return Ok(None);
+        }
+        if let Some((_, output)) = self.single.as_ref().filter(|(known, _)| known == scene) {
+            return Ok(Some(output.clone()));
+        }
+        let tier = Tier::preferred(&engine.device);
+        let output = Self::engine(&engine.device, &engine.weights, tier)?.denoise(scene)?;
+        self.single = Some((scene.clone(), output.clone()));
+        Ok(Some(output))
     }
 
     /// The engine, where it is one.

@@ -1,0 +1,90 @@
+//! The networks that ship inside the library, and which of them to take.
+
+use crate::denoiser::Precision;
+use crate::error::{Error, Result};
+use crate::net::weights::Weights;
+use crate::vk::caps::DeviceKind;
+use crate::vk::device::Device;
+use std::fmt;
+use std::str::FromStr;
+
+static HYBRID: &[u8] = include_bytes!("../weights/hybrid.safetensors");
+static EXPANDED_PATCH: &[u8] = include_bytes!("../weights/expanded_patch.safetensors");
+
+impl Weights {
+    /// The trained Hybrid, embedded in the library.
+    ///
+    /// # Errors
+    /// None in a sound build.
+    pub fn hybrid() -> Result<Self> {
+        Ok(Self::from_bytes(HYBRID)?)
+    }
+
+    /// The trained +Expanded Patch, embedded in the library: full joint attention in every block.
+    ///
+    /// # Errors
+    /// None in a sound build.
+    pub fn expanded_patch() -> Result<Self> {
+        Ok(Self::from_bytes(EXPANDED_PATCH)?)
+    }
+}
+
+/// Run time against error: what ships, as points of the front that `docs/pareto.md` measures. A network of your own:
+/// [`Weights::from_file`].
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Quality {
+    /// The Hybrid with feature maps stored as halves, on CPU devices too: the least time and memory.
+    Fast,
+    /// The Hybrid.
+    #[default]
+    Balanced,
+    /// +Expanded Patch: joint attention over all channels in every block, for more time.
+    High,
+}
+
+impl Quality {
+    /// All of them, the fastest first.
+    pub const ALL: [Self; 3] = [Self::Fast, Self::Balanced, Self::High];
+
+    /// Its network.
+    ///
+    /// # Errors
+    /// None in a sound build.
+    pub fn weights(self) -> Result<Weights> {
+        match self {
+            Self::Fast | Self::Balanced => Weights::hybrid(),
+            Self::High => Weights::expanded_patch(),
+        }
+    }
+
+    /// Its arithmetic and storage on a device, for [`Options::precision`](crate::Options::precision). On a GPU
+    /// [`Precision::Auto`] is the fastest already.
+    pub fn precision(self, device: &Device) -> Precision {
+        match (self, device.info().kind) {
+            (Self::Fast, DeviceKind::Cpu) => Precision::F16,
+            _ => Precision::Auto,
+        }
+    }
+}
+
+impl FromStr for Quality {
+    type Err = Error;
+
+    /// `fast`, `balanced` or `high`.
+    fn from_str(text: &str) -> Result<Self> {
+        Self::ALL.into_iter().find(|quality| quality.to_string() == text).ok_or_else(|| Error::InvalidOption {
+            option: "quality",
+            reason: format!("'{text}'; it can be fast, balanced or high"),
+        })
+    }
+}
+
+impl fmt::Display for Quality {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Fast => "fast",
+            Self::Balanced => "balanced",
+            Self::High => "high",
+        })
+    }
+}
