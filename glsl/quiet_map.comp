@@ -20,6 +20,8 @@ layout(push_constant) uniform Push {
     uint right;
     uint bottom;
     float threshold;
+    uint real_columns;    // squares beyond these are as the nearest of these
+    uint real_rows;
     uint spread;          // whether the squares beside a noisy one are not quiet
 };
 
@@ -30,7 +32,7 @@ bool is_noisy(uint x, uint y) {
 void main() {
     uint lane = gl_LocalInvocationID.x;
     for (uint i = lane; i < columns * rows; i += 256u) {
-        uvec2 at = uvec2(i % columns, i / columns);
+        uvec2 at = min(uvec2(i % columns, i / columns), uvec2(real_columns, real_rows) - 1u);
         bool noisy = is_noisy(at.x, at.y);
         if (spread != 0u) {
             uvec2 first = max(at, uvec2(1u)) - 1u;

@@ -52,7 +52,6 @@ type Row = (ConvShape, ConvAlgorithm);
 fn measure(device: &Device, weights: &Weights, options: &Options, extent: Extent) -> Result<Vec<Row>> {
     let mut least: BTreeMap<ConvShape, [f64; FORMS.len()]> = BTreeMap::new();
     for (at, form) in FORMS.into_iter().enumerate() {
-        // An even frame is quiet.
         let options = Options { conv: Some(form), quiet: None, ..*options };
         let mut denoiser = Denoiser::new(device, weights, &options)?;
         denoiser.set_profiling(true)?;

@@ -179,7 +179,8 @@ push_constants! {
     /// The map of what is to be denoised, and its sums.
     QuietMapPush {
         src: Address, map: Address, sums: Address,
-        columns: U32, rows: U32, left: U32, top: U32, right: U32, bottom: U32, threshold: F32, spread: U32,
+        columns: U32, rows: U32, left: U32, top: U32, right: U32, bottom: U32, threshold: F32,
+        real_columns: U32, real_rows: U32, spread: U32,
     }
 }
 

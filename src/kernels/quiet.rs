@@ -142,6 +142,8 @@ pub struct QuietMap {
     pub sums: BufferId,
     /// Size of the map.
     pub size: MapSize,
+    /// Squares beyond these columns and rows are marked as the nearest of these.
+    pub real: MapSize,
     /// The pixels that are wanted. Squares without any are not marked.
     pub region: Region,
 }
@@ -178,6 +180,8 @@ impl Kernel for QuietMap {
             right,
             bottom,
             threshold: at.frame.quiet_threshold,
+            real_columns: self.real.columns,
+            real_rows: self.real.rows,
             spread: u32::from(!counted),
         })
     }

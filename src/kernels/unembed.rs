@@ -35,11 +35,11 @@ impl Kernel for Unembed {
     }
 
     fn groups(&self, variants: Variants) -> [u32; 3] {
-        // 64 invocations of so many tokens in a row; one of a token's two rows of pixels.
-        let tiles = self.tiles.count(self.src.width, self.src.height);
-        groups(tiles.div_ceil(self.tiles_a_group(variants)), 2)
+        // One of a token's two rows of pixels.
+        groups(self.tiles.count(self.src.width, self.src.height).div_ceil(self.tiles_a_group(variants)), 2)
     }
 
+    /// Of 64 invocations, each with so many tokens in a row.
     fn tiles_a_group(&self, variants: Variants) -> u32 {
         self.contract(variants).define("TX") as u32
     }

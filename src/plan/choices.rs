@@ -21,10 +21,10 @@ pub struct PlanOptions {
     /// Gives what depends on albedo, normal and depth alone, and is read by the rest, a place of its own: it can be used for
     /// the next frame.
     pub keep_features: bool,
-    /// Which operations are folded into others before anything else is chosen.
-    pub folds: Folds,
     /// How quiet tiles are left out; `None`: none are.
     pub quiet: Option<QuietMode>,
+    /// Which operations are folded into others before anything else is chosen.
+    pub folds: Folds,
     /// How dense 3x3 convolutions are computed.
     pub conv: ConvAlgorithm,
     /// How those of some shapes are, in the place of [`PlanOptions::conv`].
@@ -54,8 +54,8 @@ impl Default for PlanOptions {
             max_block_bytes: u64::MAX,
             keep_all: false,
             keep_features: false,
-            folds: Folds::ALL,
             quiet: None,
+            folds: Folds::ALL,
             conv: ConvAlgorithm::default(),
             conv_table: ConvTable::default(),
             separable: SeparableForm::default(),

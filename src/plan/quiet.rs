@@ -168,12 +168,17 @@ pub(super) fn apply(merged: Merged, buffers: &mut Vec<Buffer>, frame: &Frame) ->
     activity.buffer = maker.words("quiet.active", activity.words());
     let sums = maker.words("quiet.sums", u64::from(map.sums()));
     let region = Region::all(frame.extent);
+    // With nothing quiet, an approximate pass is the whole one, its padding with it.
+    let real = if frame.mode == QuietMode::Exact { map } else { MapSize::of(frame.extent) };
     let mut before = vec![
         dispatch(
             "quiet.noise",
             Call::TileNoise(TileNoise { stats: frame.stats, dst: noise, frame: frame.extent, map }),
         ),
-        dispatch("quiet.map", Call::QuietMap(QuietMap { src: noise, map: activity.buffer, sums, size: map, region })),
+        dispatch(
+            "quiet.map",
+            Call::QuietMap(QuietMap { src: noise, map: activity.buffer, sums, size: map, real, region }),
+        ),
     ];
     let mut made = Vec::new();
     for (slot, list) in lists.iter().enumerate() {
@@ -429,7 +434,7 @@ fn read_beyond(merged: &[(Dispatch, For)], list_of: &[Option<usize>]) -> HashMap
     let side = |call: &Call| match call {
         Call::Conv3x3(conv) => side_of(conv.shuffle),
         Call::Winograd3x3(winograd) => side_of(winograd.conv.shuffle),
-        Call::Unembed(_) => 2 * TILE,
+        Call::Unembed(_) => side_of(Shuffle::Shuffle),
         _ => TILE,
     };
     let mut found = HashMap::new();

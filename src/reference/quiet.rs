@@ -90,7 +90,8 @@ pub fn quiet_map(reference: &mut Reference, call: &QuietMap) {
     let reach = usize::from(frame.noise.is_none() || frame.noise_kind != NoiseKind::Samples);
     let near = |at: usize, end: usize| at.saturating_sub(reach)..(at + reach + 1).min(end);
     let mark = |i: usize| {
-        let (x, y) = (i % columns, i / columns);
+        let end = |at: usize, end: u32| at.min(end as usize - 1);
+        let (x, y) = (end(i % columns, call.real.columns), end(i / columns, call.real.rows));
         let wanted = (left..right).contains(&x) && (top..bottom).contains(&y);
         wanted && near(y, rows).any(|y| near(x, columns).any(|x| noisy(x, y)))
     };
