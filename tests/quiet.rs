@@ -122,8 +122,11 @@ fn assert_exact(scene: &Scene, found: &[f32], whole: &[f32]) {
     println!("{counts:?} samples denoised, blended, kept");
 }
 
+/// Whether a square is to be denoised.
+type Pattern = fn(u32, u32) -> bool;
+
 /// Patterns of squares to denoise: one, a diagonal, everything but one, none, all.
-fn patterns() -> Vec<(&'static str, fn(u32, u32) -> bool)> {
+fn patterns() -> Vec<(&'static str, Pattern)> {
     vec![
         ("one", |x, y| (x, y) == (7, 5)),
         ("corners", |x, y| (x, y) == (0, 0) || (x, y) == (18, 13)),
@@ -266,7 +269,7 @@ fn wrong_maps_do_no_more_harm_than_they_must() {
 #[test]
 fn features_that_are_missing_or_kept_make_no_difference() {
     let (weights, extent) = (Weights::hybrid().unwrap(), Extent::new(520, 300));
-    let pattern = |x: u32, y: u32| (x / 6 + y / 5) % 2 == 0;
+    let pattern = |x: u32, y: u32| (x / 6 + y / 5).is_multiple_of(2);
     let scene = Scene::new(extent, 4, pattern);
     let mut plain = Denoiser::new(device(), &weights, &Options::default()).unwrap();
     for mode in [QuietMode::Exact, QuietMode::default()] {
@@ -296,7 +299,7 @@ fn features_that_are_missing_or_kept_make_no_difference() {
 #[test]
 fn a_region_of_quiet_tiles_has_the_bits_of_the_whole() {
     let (weights, extent) = (Weights::hybrid().unwrap(), Extent::new(300, 211));
-    let scene = Scene::new(extent, 4, |x, y| (x / 2 + y / 2) % 3 == 0);
+    let scene = Scene::new(extent, 4, |x, y| (x / 2 + y / 2).is_multiple_of(3));
     let options = Options { quiet: quiet(QuietMode::Exact), ..Options::default() };
     let whole = denoise(&mut soiled(&weights, &options, extent), &scene.frame());
     let mut denoiser = soiled(&weights, &options, extent);
@@ -327,7 +330,7 @@ fn the_report_tells_what_was_active() {
     let mut denoiser = Denoiser::new(device(), &weights, &options).unwrap();
     assert!(denoiser.active_tiles().is_none());
     let rgb = Layout::interleaved(extent, 3);
-    let mut work = |pattern: fn(u32, u32) -> bool| {
+    let mut work = |pattern: Pattern| {
         let scene = Scene::new(extent, 1, pattern);
         let mut output = vec![0.0; 3 * extent.pixels() as usize];
         let report = denoiser.denoise(&scene.frame(), PlaneMut::f32(&mut output, rgb)).unwrap();
