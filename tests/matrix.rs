@@ -59,7 +59,7 @@ fn the_shipped_network_is_close_to_the_reference() {
     if !has_matrices() {
         return;
     }
-    let golden = Golden::read("golden_hybrid.safetensors");
+    let golden = Golden::read("golden_shipped.safetensors");
     for prefix in ["square.", "odd."] {
         let (db, residual) = errors(&golden.frame(prefix), &Weights::hybrid().unwrap());
         println!("shipped weights, {prefix} {db:.1} dB, NMSE of the residual {residual:.1e}");

@@ -43,12 +43,15 @@ fn residual_of_golden_inputs(golden: &Golden, prefix: &str, weights: &Weights) -
 
 #[test]
 fn pytorch_agrees_on_the_shipped_weights() {
-    let (golden, weights) = (Golden::read("golden_hybrid.safetensors"), Weights::hybrid().unwrap());
-    for prefix in ["square.", "odd."] {
-        let found = residual_of_golden_inputs(&golden, prefix, &weights);
-        let error = max_error(&found, &wide(golden.tensor(&format!("{prefix}residual"))));
-        println!("{prefix} largest error {error:.1e}");
-        assert!(error <= GOLDEN_LIMIT, "{prefix} largest error {error:.1e}");
+    let golden = Golden::read("golden_shipped.safetensors");
+    for weights in [Weights::hybrid().unwrap(), Weights::expanded_patch().unwrap()] {
+        let name = &weights.arch().name;
+        for prefix in ["square.", "odd."] {
+            let found = residual_of_golden_inputs(&golden, prefix, &weights);
+            let error = max_error(&found, &wide(golden.tensor(&format!("{prefix}residual.{name}"))));
+            println!("{name}, {prefix} largest error {error:.1e}");
+            assert!(error <= GOLDEN_LIMIT, "{name}, {prefix} largest error {error:.1e}");
+        }
     }
     assert_no_validation_messages();
 }
@@ -147,7 +150,7 @@ fn assert_every_dispatch(name: &str, frame: &TestFrame, weights: &Weights) {
 
 #[test]
 fn every_kernel_on_real_input() {
-    let golden = Golden::read("golden_hybrid.safetensors");
+    let golden = Golden::read("golden_shipped.safetensors");
     for prefix in ["square.", "odd."] {
         assert_every_dispatch(&format!("hybrid, {prefix}"), &golden.frame(prefix), &Weights::hybrid().unwrap());
     }
@@ -241,7 +244,7 @@ fn every_kind_of_frame_is_the_reference() {
 /// All radiance times 1e-4 or 1e4 gives the same picture.
 #[test]
 fn brightness_does_not_matter() {
-    let (golden, weights) = (Golden::read("golden_hybrid.safetensors"), Weights::hybrid().unwrap());
+    let (golden, weights) = (Golden::read("golden_shipped.safetensors"), Weights::hybrid().unwrap());
     let mut denoiser = Denoiser::new(device(), &weights, &Options::default()).unwrap();
     let frame = golden.frame("square.");
     let key = golden.number("square.key");

@@ -1,16 +1,16 @@
 """Golden vectors: what PyTorch says a network computes, for the tests of other implementations.
 
-    python -m vkdn.golden shipped WEIGHTS FRAME.exr OUT     the shipped weights on two crops of a real frame
+    python -m vkdn.golden shipped FRAME.exr OUT WEIGHTS ...    the shipped weights on two crops of a real frame
     python -m vkdn.golden random FRAME.exr OUT [--arch N] [--crop C]   hash weights (see hashweights.py), all networks
 
 Weights are the float16 ones, the arithmetic is float64, results are float32. A crop counts as a whole frame: exposure and
-depth scale are its own and stand in the metadata as decimal strings. Tensors, per case prefix ("square", "odd" or, for
-random weights, one shared input without residual and "residual.<architecture>"):
+depth scale are its own and stand in the metadata as decimal strings. Tensors, per case prefix ("square." or "odd.", for random
+weights none):
 
     color, albedo, normal [H, W, 3] f16, depth [H, W] f16    the planes, as a renderer writes them
     log_color [H, W, 3] f32                                  network input c
     aux [H, W, 7] f32                                        network input, albedo, normal, depth
-    residual [H, W, 3] f32                                   network output r, cropped
+    residual.<architecture> [H, W, 3] f32                    network output r, cropped
 """
 import argparse
 
@@ -56,13 +56,13 @@ def to_image(t):
 
 
 def shipped(args):
-    model, metadata = weights.read(args.weights)
+    models = [weights.read(path)[0] for path in args.weights]
     frame = read_planes(args.frame)
-    tensors, about = {}, {"architecture": metadata["architecture"]["name"]}
+    tensors, about = {}, {}
     for name, crop in CROPS.items():
         case = Case(frame, crop)
         tensors |= {f"{name}.{k}": t for k, t in case.tensors().items()}
-        tensors[f"{name}.residual"] = case.residual(model)
+        tensors |= {f"{name}.residual.{model.arch.name}": case.residual(model) for model in models}
         about |= {f"{name}.{k}": v for k, v in case.metadata().items()}
     save_file(tensors, args.output, about)
 
@@ -83,7 +83,6 @@ def main():
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     commands = p.add_subparsers(required=True)
     one = commands.add_parser("shipped")
-    one.add_argument("weights")
     one.set_defaults(run=shipped)
     two = commands.add_parser("random")
     two.add_argument("--arch", action="append", choices=ARCHITECTURES, help="may be repeated; default: all ten")
@@ -93,6 +92,7 @@ def main():
     for command in (one, two):
         command.add_argument("frame", help="EXR with colour, albedo, normal and depth, at least 192x192")
         command.add_argument("output")
+    one.add_argument("weights", nargs="+")
     args = p.parse_args()
     args.run(args)
 
