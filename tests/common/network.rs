@@ -4,6 +4,7 @@ use super::case::make_buffers;
 use super::compare::rms;
 use super::device::device;
 use vkdenoise::frame::Extent;
+use vkdenoise::kernels::winograd::Winograd3x3;
 use vkdenoise::kernels::{BufferId, Call, View};
 use vkdenoise::net::{Folds, Graph, Weights};
 use vkdenoise::plan::pack::Pack;
@@ -80,7 +81,8 @@ pub fn run_and_assert_shares(reference: &mut Reference, plan: &Plan, weights: &W
         let dispatch = &plan.dispatches[i];
         let name = &dispatch.name;
         let (src, dst, film, residual) = match &dispatch.call {
-            Call::Conv3x3(k) => (k.src, k.dst, k.film, k.residual),
+            Call::Conv3x3(k) | Call::Winograd3x3(Winograd3x3 { conv: k, .. }) => (k.src, k.dst, k.film, k.residual),
+            Call::Separable3x3(k) => (k.depthwise.src, k.pointwise.dst, k.pointwise.film, k.pointwise.residual),
             Call::Linear(k) => (k.src, k.dst, k.film, k.residual),
             Call::WindowAttention(attention) => {
                 let Place::Weights { pack: Pack::BiasTable { table, .. }, .. } = &plan.buffer(attention.bias).place
