@@ -167,9 +167,11 @@ impl Addresses<'_> {
         view.map_or(0, |view| self.view(view))
     }
 
+    /// Where the list lies; without one some memory of the plan, as a driver may load a list's length before it asks whether
+    /// there is a list (lavapipe of Mesa 26.1 does).
     fn tiles(&self, tiles: &Tiles) -> u64 {
         match tiles {
-            Tiles::All | Tiles::Rect(_) => 0,
+            Tiles::All | Tiles::Rect(_) => self.of(BufferId(0)),
             Tiles::List { buffer, .. } => self.of(*buffer),
         }
     }
