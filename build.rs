@@ -7,6 +7,7 @@
 mod kernels {
     pub mod contract;
     pub mod contracts;
+    pub mod pushes;
 }
 #[path = "build/check.rs"]
 mod check;

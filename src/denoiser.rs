@@ -10,7 +10,7 @@ use crate::net::Folds;
 use crate::net::weights::Weights;
 use crate::pass::{FrameOptions, Pass};
 use crate::plan::active::ActiveTiles;
-use crate::plan::quiet::QuietMode;
+use crate::plan::quiet_mode::QuietMode;
 use crate::plan::{ConvAlgorithm, ConvTable, SeparableForm};
 use crate::profile::KernelRecord;
 use crate::tune;

@@ -83,7 +83,7 @@ pub use memory::MemoryRequired;
 pub use net::weights::Weights;
 pub use pass::{Binding, FrameOptions, Pass};
 pub use plan::active::{ActiveTiles, Part};
-pub use plan::quiet::{QuietMargins, QuietMode};
+pub use plan::quiet_mode::{QuietMargins, QuietMode};
 pub use profile::{KernelRecord, Profiler};
 pub use quality::Quality;
 pub use renderer::{BufferFrame, BufferPlane, ImageFormat, ImageFrame, ImagePlane, SampleFormat};

@@ -33,10 +33,10 @@ fn a_network_in_every_form() {
         let time = |what: &str| number(kernel, &format!("/microseconds/{what}"));
         assert!(0.0 < time("min") && time("min") <= time("median") && time("spread") >= 0.0, "{kernel}");
     }
-    // The padded frame is 128x128, whose FLOPs are known.
+    // The padded frame is 128x128, whose FLOPs are known, folded.
     let sum = |rows: &str, key: &str| report[rows].as_array().unwrap().iter().map(|row| number(row, key)).sum::<f64>();
     for rows in ["kernels", "by_stage", "by_kernel"] {
-        assert!((sum(rows, "/gflop") - 2.902).abs() < 5e-4, "{rows}");
+        assert!((sum(rows, "/gflop") - 2.5682).abs() < 1e-4, "{rows}");
         assert!((sum(rows, "/share") - 1.0).abs() < 1e-9, "{rows}");
     }
     let kernels_ms = number(&report, "/kernels_ms");
@@ -77,20 +77,20 @@ fn what_is_left_out_shows() {
         number(row, "/tiles/0") / number(row, "/tiles/1")
     };
     let quiet = report(&["--quiet", "1", "--quiet-mode", "exact"]);
-    assert_eq!((number(&quiet, "/quiet/denoised"), stage(&quiet, "dec0")), (0.0, 0.0));
+    assert_eq!((number(&quiet, "/quiet/denoised"), stage(&quiet, "dec1")), (0.0, 0.0));
     assert!(number(&quiet, "/work") < 0.3 && number(&quiet, "/quiet/whole_pass_ms/median") > 0.0);
     let region = report(&["--region", "0,0,16,16"]);
     assert_eq!(region["region"], serde_json::json!([0, 0, 16, 16]));
     // What counts is in the left half of the coarse maps; little of it at the end.
     assert!((0.2..0.95).contains(&number(&region, "/work")), "{}", region["work"]);
     assert!(stage(&region, "output") < 0.1 && (0.1..1.0).contains(&stage(&region, "bottleneck")));
-    let gflop = |report: &Value| number(report, "/work") * 2.9017 * 8.0;
+    let gflop = |report: &Value| number(report, "/work") * 2.5682 * 8.0;
     let sum =
         |report: &Value| report["kernels"].as_array().unwrap().iter().map(|row| number(row, "/gflop")).sum::<f64>();
     assert!((sum(&region) / gflop(&region) - 1.0).abs() < 1e-3, "{} GFLOP", sum(&region));
 
     let unchanged = report(&["--features", "unchanged"]);
-    assert!((number(&unchanged, "/work") - 0.8623).abs() < 1e-3, "{}", unchanged["work"]);
+    assert!((number(&unchanged, "/work") - 0.8555).abs() < 1e-3, "{}", unchanged["work"]);
     assert_eq!(stage(&unchanged, "bottleneck"), 0.8, "four of its twenty kernels are of features");
     let text = String::from_utf8(run(&[&["network"][..], &base[2..], &["--features", "none"]].concat())).unwrap();
     assert!(text.contains(" % of the work of a whole frame with all features") && text.contains("active"), "{text}");

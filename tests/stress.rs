@@ -64,15 +64,26 @@ fn the_way_in_and_out_alone_keeps_light() {
 /// Maps of halves, and matrices where the device has them.
 #[test]
 fn tiers_with_halves_keep_bounds_of_their_own() {
+    check_tiers(|tier| tier.exactness == Exactness::Half && tier.conv == ConvAlgorithm::Direct);
+}
+
+#[test]
+fn nothing_changes_where_quiet_squares_are_left_out() {
+    check_tiers(|tier| tier.quiet.is_some());
+}
+
+/// The cases that say most, on tiers with the kernels that the device prefers.
+fn check_tiers(wanted: impl Fn(&Tier) -> bool) {
     let weights = Weights::hybrid().unwrap();
-    let halves = |tier: &Tier| tier.exactness == Exactness::Half && tier.conv == ConvAlgorithm::Direct;
-    let tiers: Vec<Tier> = Tier::all(device()).into_iter().filter(halves).collect();
+    let tiers =
+        Tier::all(device()).into_iter().filter(|tier| wanted(tier) && tier.cpu_kernels == self::tier().cpu_kernels);
+    let tiers: Vec<Tier> = tiers.collect();
     if tiers.is_empty() {
         return println!("not tested: the device has no such tier");
     }
-    let wanted = ["one bad pixel", "firefly", "radiance", "nothing unusual", "kilometres", "checkerboard"];
-    for tier in tiers.into_iter().filter(|tier| tier.cpu_kernels == self::tier().cpu_kernels) {
-        check(&weights, tier, |name| wanted.iter().any(|w| name.contains(w)), |depends| depends == Depends::Engine);
+    let names = ["one bad pixel", "firefly", "radiance", "nothing unusual", "kilometres", "checkerboard", "sequence"];
+    for tier in tiers {
+        check(&weights, tier, |name| names.iter().any(|n| name.contains(n)), |depends| depends == Depends::Engine);
     }
 }
 

@@ -1,7 +1,8 @@
 //! The dense kernels: 3x3 and pointwise convolution, with bias, FiLM, residual, activation and pixel shuffles.
 
 use super::contract::Contract;
-use super::contracts::{self, Conv3x3Push, LinearPush, halves};
+use super::contracts::{self, halves};
+use super::pushes::{Conv3x3Push, LinearPush};
 use super::{
     Activation, Addresses, BufferId, Kernel, PushBytes, Shuffle, Storage, TexelRange, Tiles, Traffic, Variants, View,
     activation_flag, by_storage, flags, groups,

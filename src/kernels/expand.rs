@@ -1,7 +1,8 @@
 //! A small map made large.
 
 use super::contract::Contract;
-use super::contracts::{self, ExpandPush, halves};
+use super::contracts::{self, halves};
+use super::pushes::ExpandPush;
 use super::{Addresses, HALF_TILE, Kernel, PushBytes, TexelRange, Tiles, Traffic, Variants, View, by_storage, groups};
 
 /// Repeats the middle of a map whose middle is all alike, half tile by half tile; its borders stay at the borders.

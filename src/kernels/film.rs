@@ -3,7 +3,8 @@
 //! The mean is summed in two levels of fixed order, so that every run gives the same bits.
 
 use super::contract::Contract;
-use super::contracts::{self, FilmVectorPush, TokenSumPush, halves};
+use super::contracts::{self, halves};
+use super::pushes::{FilmVectorPush, TokenSumPush};
 use super::{Addresses, BufferId, Kernel, PushBytes, Traffic, Variants, View, by_storage, groups};
 
 /// Most partial sums of a frame.

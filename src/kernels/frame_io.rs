@@ -1,7 +1,8 @@
 //! The frame's way into the network and out of it.
 
 use super::contract::Contract;
-use super::contracts::{self, InputAuxPush, InputColorPush, OutputPush, halves};
+use super::contracts::{self, halves};
+use super::pushes::{InputAuxPush, InputColorPush, OutputPush};
 use super::stats::STATS_FLOATS;
 use super::{
     Addresses, BufferId, Kernel, PlaneArgs, PushBytes, Tiles, Traffic, Variants, View, by_storage, flags, groups,

@@ -1,7 +1,8 @@
 //! Kernels that go over a map once: depthwise convolution and layer normalisation.
 
 use super::contract::Contract;
-use super::contracts::{self, Depthwise3x3Push, LayerNormPush, halves};
+use super::contracts::{self, halves};
+use super::pushes::{Depthwise3x3Push, LayerNormPush};
 use super::{
     Activation, Addresses, BufferId, Kernel, PushBytes, TexelRange, Tiles, Traffic, Variants, View, activation_flag,
     by_storage, groups,

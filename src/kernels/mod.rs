@@ -13,6 +13,7 @@ pub mod expand;
 pub mod film;
 pub mod frame_io;
 pub mod maps;
+pub mod pushes;
 pub mod quiet;
 pub mod separable;
 pub mod spirv;

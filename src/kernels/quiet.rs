@@ -7,8 +7,9 @@
 //! 4. [`Fill`] writes zeros where tiles are read that are not active.
 
 use super::contract::Contract;
-use super::contracts::{self, FillPush, QuietMapPush, TileListPush, TileNoisePush, halves};
+use super::contracts::{self, halves};
 use super::frame_io::{color_flags, depth_flags};
+use super::pushes::{FillPush, QuietMapPush, TileListPush, TileNoisePush};
 use super::stats::STATS_FLOATS;
 use super::{Addresses, BufferId, Kernel, PushBytes, TILE, Tiles, Traffic, Variants, View, by_storage, flags, groups};
 use crate::frame::{Extent, Region};

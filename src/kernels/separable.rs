@@ -1,9 +1,10 @@
 //! A depthwise 3x3 convolution and the pointwise convolution after it as one kernel.
 
 use super::contract::Contract;
-use super::contracts::{self, Separable3x3Push, halves};
+use super::contracts::{self, halves};
 use super::dense::{Linear, TILE_CHANNELS, dense_groups, dense_texels, tiles_a_group};
 use super::maps::Depthwise3x3;
+use super::pushes::Separable3x3Push;
 use super::{Addresses, Kernel, PushBytes, TexelRange, Traffic, Variants, activation_flag, by_storage};
 
 /// `pointwise(depthwise(src))`: the depthwise result is not stored, so neither its target nor the source of the pointwise

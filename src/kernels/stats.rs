@@ -11,8 +11,9 @@
 //! So one pixel, whatever its value, moves the key by at most what a tile of 64 m does.
 
 use super::contract::Contract;
-use super::contracts::{self, StatsClearPush, StatsHistogramPush, StatsKeyPush, StatsSelectPush, StatsTilesPush};
+use super::contracts;
 use super::frame_io::{color_flags, depth_flags};
+use super::pushes::{StatsClearPush, StatsHistogramPush, StatsKeyPush, StatsSelectPush, StatsTilesPush};
 use super::{Addresses, BufferId, Kernel, PushBytes, TILE, Traffic, Variants, groups};
 
 /// Bins of one histogram.

@@ -1,7 +1,8 @@
 //! Tokens of 2x2 pixels to pixels of three channels.
 
 use super::contract::Contract;
-use super::contracts::{self, UnembedPush};
+use super::contracts;
+use super::pushes::UnembedPush;
 use super::{Addresses, BufferId, Kernel, PushBytes, Storage, TexelRange, Tiles, Traffic, Variants, View, groups};
 
 /// Rows of tokens that a pixel takes.

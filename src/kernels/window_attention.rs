@@ -1,7 +1,8 @@
 //! Joint self-attention in windows of 8x8 tokens.
 
 use super::contract::Contract;
-use super::contracts::{self, WindowAttentionPush, halves};
+use super::contracts::{self, halves};
+use super::pushes::WindowAttentionPush;
 use super::{Addresses, BufferId, Kernel, PushBytes, TexelRange, Tiles, Traffic, Variants, View, by_storage, groups};
 
 /// Head by head: `softmax((Q K^T / sqrt(d) + B) * (Qf Kf^T / sqrt(d) + B)) V`, the product element by element.

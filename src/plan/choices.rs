@@ -2,7 +2,7 @@
 
 use super::conv_table::ConvTable;
 use super::pack::Pack;
-use super::quiet::QuietMode;
+use super::quiet_mode::QuietMode;
 use crate::kernels::dense::TILE_CHANNELS;
 use crate::kernels::separable::Separable3x3;
 use crate::kernels::winograd::WinogradTile;

@@ -13,6 +13,7 @@ mod lower;
 mod ops;
 pub mod pack;
 pub mod quiet;
+pub mod quiet_mode;
 mod region;
 mod unembed;
 mod winograd;

@@ -11,9 +11,9 @@
 
 use super::active::{Activity, Part};
 use super::featureless::For;
+use super::quiet_mode::{QuietMargins, QuietMode};
 use super::region::{needed_tokens, set_region};
 use super::{Buffer, Dispatch, Place, Plan};
-use crate::error::{Error, Result};
 use crate::frame::{Extent, Region};
 use crate::kernels::quiet::{
     BLEND_PIXELS, Fill, MAP_TILE, MapSize, QuietMap, REACHES, Reach, TileList, TileNoise, list_bytes,
@@ -21,72 +21,6 @@ use crate::kernels::quiet::{
 use crate::kernels::{BufferId, Call, Shuffle, Storage, TILE, Tiles, Variants};
 use crate::net::graph::Stage;
 use std::collections::HashMap;
-use std::str::FromStr;
-
-/// How far beyond what is denoised the network computes.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum QuietMode {
-    /// As far as the denoised pixels depend on: they have the bits of the whole frame's pass.
-    Exact,
-    /// As far as margins say.
-    Approximate(QuietMargins),
-}
-
-impl FromStr for QuietMode {
-    type Err = Error;
-
-    /// `exact` or `approximate`, with the margins of [`QuietMargins::default`].
-    fn from_str(text: &str) -> Result<Self> {
-        match text {
-            "exact" => Ok(Self::Exact),
-            "approximate" => Ok(Self::default()),
-            other => {
-                let reason = format!("'{other}'; it can be exact or approximate");
-                Err(Error::InvalidOption { option: "quiet mode", reason })
-            }
-        }
-    }
-}
-
-impl Default for QuietMode {
-    fn default() -> Self {
-        Self::Approximate(QuietMargins::default())
-    }
-}
-
-/// Pixels beyond the squares that are denoised that every part of the network computes in approximate mode; in whole tiles. Input
-/// and output go at least as far as the blend. Stages are counted from the network's full resolution; the last of an array stands for any after it.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct QuietMargins {
-    /// The output.
-    pub output: u32,
-    /// The decoder's stages.
-    pub decoder: [u32; 3],
-    /// The bottleneck.
-    pub bottleneck: u32,
-    /// The encoder's stages.
-    pub encoder: [u32; 3],
-    /// The input.
-    pub input: u32,
-}
-
-impl QuietMargins {
-    fn of(&self, stage: Stage) -> u32 {
-        match stage {
-            Stage::Output => self.output.max(BLEND_PIXELS),
-            Stage::Decoder(i) => self.decoder[(i as usize).min(self.decoder.len() - 1)],
-            Stage::Bottleneck => self.bottleneck,
-            Stage::Encoder(i) => self.encoder[(i as usize).min(self.encoder.len() - 1)],
-            Stage::Input => self.input.max(BLEND_PIXELS),
-        }
-    }
-}
-
-impl Default for QuietMargins {
-    fn default() -> Self {
-        Self { output: 8, decoder: [8, 0, 0], bottleneck: 0, encoder: [8, 0, 0], input: 8 }
-    }
-}
 
 /// Where the device says how many workgroups a dispatch has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

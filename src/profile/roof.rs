@@ -3,7 +3,8 @@
 
 use crate::error::{Error, Result};
 use crate::kernels::contract::Contract;
-use crate::kernels::contracts::{self, RoofCopyPush, RoofFmaPush};
+use crate::kernels::contracts;
+use crate::kernels::pushes::{RoofCopyPush, RoofFmaPush};
 use crate::pipelines::Pipelines;
 use crate::vk::device::Device;
 use crate::vk::matrix::MatrixShape;

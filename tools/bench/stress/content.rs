@@ -63,7 +63,8 @@ fn content(subject: &mut Subject, effort: Effort, change: fn(&mut Scene)) -> Res
     let mut figures = vec![sound];
     // The reference takes its time; colour at its ends is where it can differ most.
     let wanted = effort == Effort::Everything || scene.color != Scene::new(EXTENT, 7).color;
-    if let Some(engine) = subject.as_engine().filter(|_| wanted) {
+    // Quiet squares keep their input, which is not what the network makes of them.
+    if let Some(engine) = subject.as_engine().filter(|engine| wanted && engine.tier.quiet.is_none()) {
         figures.push(to_reference(engine, &scene)?);
     }
     Ok(figures)

@@ -10,7 +10,7 @@ use vkdenoise::kernels::winograd::WinogradTile;
 use vkdenoise::net::Graph;
 use vkdenoise::plan::ConvAlgorithm;
 use vkdenoise::testing::{Bench, denoiser_with_kernels};
-use vkdenoise::{Denoiser, Device, Layout, Options, PlaneMut, Precision, Weights};
+use vkdenoise::{Denoiser, Device, Layout, Options, PlaneMut, Precision, Quiet, QuietMode, Weights};
 
 /// How much a tier may differ where the input is only scaled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -34,7 +34,12 @@ pub struct Tier {
     pub cpu_kernels: bool,
     /// How dense 3x3 convolutions are computed.
     pub conv: ConvAlgorithm,
+    /// How quiet squares are left out; `None`: none are.
+    pub quiet: Option<QuietMode>,
 }
+
+/// Relative noise up to which tiers that leave quiet squares out do so.
+const QUIET_THRESHOLD: f32 = 0.02;
 
 impl Tier {
     /// The tier that the engine takes by itself on a device.
@@ -45,6 +50,7 @@ impl Tier {
             exactness: Exactness::Single,
             cpu_kernels: Bench::default_variants(device).cpu,
             conv: ConvAlgorithm::Direct,
+            quiet: None,
         }
     }
 
@@ -60,6 +66,9 @@ impl Tier {
         if preferred.cpu_kernels {
             tiers.push(Self { name: "fp32, portable kernels", cpu_kernels: false, ..preferred });
         }
+        let quiet = |name, mode| Self { name, quiet: Some(mode), ..preferred };
+        tiers.push(quiet("fp32, quiet left out exactly", QuietMode::Exact));
+        tiers.push(quiet("fp32, quiet left out approximately", QuietMode::default()));
         if Bench::can_store_halves(device) {
             let halves = Self { precision: Precision::F16, exactness: Exactness::Half, ..preferred };
             let winograd = |name, tile| Self { name, conv: ConvAlgorithm::Winograd(tile), ..halves };
@@ -76,12 +85,13 @@ impl Tier {
         tiers
     }
 
-    /// A denoiser of this tier, with its precision and its convolutions in the place of the options' own.
+    /// A denoiser of this tier, with its precision, its convolutions and what it leaves out in the place of the options' own.
     ///
     /// # Errors
     /// As [`Denoiser::new`].
     pub fn denoiser(&self, device: &Device, weights: &Weights, options: &Options) -> Result<Denoiser> {
-        let options = Options { precision: self.precision, conv: Some(self.conv), ..*options };
+        let quiet = self.quiet.map(|mode| Quiet { threshold: QUIET_THRESHOLD, mode });
+        let options = Options { precision: self.precision, conv: Some(self.conv), quiet, ..*options };
         Ok(denoiser_with_kernels(device, weights, &options, self.cpu_kernels)?)
     }
 }
