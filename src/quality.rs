@@ -29,7 +29,7 @@ impl Weights {
     }
 }
 
-/// Run time against error: what ships, as points of the front that `docs/pareto.md` measures. A network of your own:
+/// Run time against error: which of the networks that ship, and how its maps are stored. A network of your own:
 /// [`Weights::from_file`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Quality {
