@@ -42,7 +42,8 @@ pub struct Tier {
 const QUIET_THRESHOLD: f32 = 0.02;
 
 impl Tier {
-    /// The tier that the engine takes by itself on a device.
+    /// 32-bit floats and direct convolutions, with the kernels that the engine prefers on a device. By itself it takes Winograd's
+    /// form on some drivers: a tier of its own here.
     pub fn preferred(device: &Device) -> Self {
         Self {
             name: "fp32",
