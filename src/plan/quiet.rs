@@ -7,7 +7,8 @@
 //! * approximate: as far as its stage's margin says. Where others read beyond its tiles, they find zeros, as convolutions do at
 //!   the border of the frame.
 //!
-//! What the whole frame is needed of (the features whose mean FiLM takes) stays whole.
+//! What the whole frame is needed of, the features whose mean FiLM takes, stays whole in exact mode. In approximate mode the mean is
+//! estimated, and their lists have the squares of a regular sample too ([`Sample`]), which stand for all quiet ones.
 
 use super::active::{Activity, Part};
 use super::featureless::For;
@@ -16,10 +17,18 @@ use super::quiet_reach::{reach_by_margins, reach_exactly, read_beyond};
 use super::region::{needed_tokens, set_region};
 use super::{Buffer, Dispatch, Place, Plan};
 use crate::frame::{Extent, Region};
-use crate::kernels::quiet::{Fill, MapSize, QuietMap, REACHES, Reach, TileList, TileNoise, list_bytes};
-use crate::kernels::{BufferId, Call, Storage, TILE, Tiles, Variants};
+use crate::kernels::film::Computed;
+use crate::kernels::quiet::{Fill, MapSize, QuietMap, REACHES, Reach, Sample, TileList, TileNoise, list_bytes};
+use crate::kernels::{BufferId, Call, Storage, TILE, Tiles, Variants, View};
 use crate::net::graph::Stage;
 use std::collections::HashMap;
+
+/// Squares of a frame that are to be sampled, at least: the more there are, the better they stand for all.
+const SAMPLES: u32 = 64;
+/// One of so few squares is sampled in a small frame: a sampled square has neighbours computed with it, for convolutions.
+const DENSEST: u32 = 4;
+/// One of so many squares in a large frame.
+const SPARSEST: u32 = 64;
 
 /// Where the device says how many workgroups a dispatch has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -81,8 +90,8 @@ type Merged = Vec<(Dispatch, For)>;
 
 /// Has the dispatches run over lists of tiles, and puts what makes these before the first of them.
 pub(super) fn apply(merged: Merged, buffers: &mut Vec<Buffer>, frame: &Frame) -> (Merged, Activity) {
-    let whole = needed_whole(&merged, frame);
-    let (mut lists, list_of) = part(&merged, &whole, frame.padded);
+    let scopes = scopes(&merged, frame);
+    let (mut lists, list_of) = part(&merged, &scopes, frame.padded);
     let fills = match &frame.mode {
         QuietMode::Exact => {
             reach_exactly(&mut lists, &list_of, &merged, frame);
@@ -103,6 +112,7 @@ pub(super) fn apply(merged: Merged, buffers: &mut Vec<Buffer>, frame: &Frame) ->
     let region = Region::all(frame.extent);
     // With nothing quiet, an approximate pass is the whole one, its padding with it.
     let real = if frame.mode == QuietMode::Exact { map } else { MapSize::of(frame.extent) };
+    let sample = Sample::one_in((real.tiles() / SAMPLES).clamp(DENSEST, SPARSEST), real);
     let mut before = vec![
         dispatch(
             "quiet.noise",
@@ -131,11 +141,19 @@ pub(super) fn apply(merged: Merged, buffers: &mut Vec<Buffer>, frame: &Frame) ->
             reach: list.reach,
             read: list.read,
             max_y: list.max_y,
+            sample: list.part.sampled.then_some(sample),
         };
         call.groups = words("groups", call.groups_bytes() / 4);
         made.push(call.clone());
         before.push(dispatch(&name, Call::TileList(call)));
     }
+    let merged = estimate_means(merged, &scopes, &mut maker, |src, counts| Computed {
+        map: activity.buffer,
+        columns: map.columns,
+        token_pixels: frame.padded.width / src.width,
+        sample,
+        counts,
+    });
     let is_first = |(list, (dispatch, _)): (&Option<usize>, &(Dispatch, For))| list.is_some() || is_output(dispatch);
     let first = list_of.iter().zip(&merged).position(is_first).unwrap_or_default();
     let mut out = Vec::new();
@@ -211,36 +229,84 @@ pub(super) fn sequence(merged: &[(Dispatch, For)], other: For) -> (Vec<usize>, V
 /// Both kinds.
 pub(super) const KINDS: [For; 2] = [For::NoFeatures, For::Features];
 
-/// For every dispatch whether it is needed in whole, whatever is denoised.
-fn needed_whole(merged: &[(Dispatch, For)], frame: &Frame) -> Vec<bool> {
-    let mut whole = vec![false; merged.len()];
+/// What of a frame a dispatch computes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Scope {
+    /// What is denoised, as far as the mode says.
+    Active,
+    /// That and a sample of the rest.
+    Sampled,
+    /// All of it.
+    Whole,
+}
+
+/// What every dispatch computes. Those that the whole frame is needed of are sampled in approximate mode, unless they are kept for the
+/// next frame, of which other squares may be quiet.
+fn scopes(merged: &[(Dispatch, For)], frame: &Frame) -> Vec<Scope> {
+    let mut scopes = vec![Scope::Active; merged.len()];
+    let of_mean = match frame.mode {
+        QuietMode::Approximate(_) => Scope::Sampled,
+        QuietMode::Exact => Scope::Whole,
+    };
     let nothing = Region { x: 0, y: 0, width: 0, height: 0 };
     for other in KINDS {
         let (places, dispatches) = sequence(merged, other);
         let needed = needed_tokens(&dispatches, nothing, |_| false);
         for (at, needed) in places.into_iter().zip(needed) {
-            whole[at] |= needed.is_some_and(|rect| !rect.is_empty());
+            if needed.is_some_and(|rect| !rect.is_empty()) {
+                scopes[at] = of_mean;
+            }
         }
     }
-    for (whole, (dispatch, frames)) in whole.iter_mut().zip(merged) {
+    for (scope, (dispatch, frames)) in scopes.iter_mut().zip(merged) {
+        if matches!(dispatch.call, Call::TokenSum(_)) {
+            *scope = of_mean;
+        }
         // The small maps of a frame without features stand for all of it.
         let is_small = *frames == For::NoFeatures && !matches!(dispatch.call, Call::Expand(_));
-        *whole |= is_small || frame.keeps_features && dispatch.of_features;
+        if is_small || frame.keeps_features && dispatch.of_features {
+            *scope = Scope::Whole;
+        }
     }
-    whole
+    scopes
+}
+
+/// Has the means of sampled maps be estimated from the tokens that there are.
+fn estimate_means(
+    mut merged: Merged,
+    scopes: &[Scope],
+    maker: &mut Maker,
+    computed: impl Fn(&View, BufferId) -> Computed,
+) -> Merged {
+    let mut counts: HashMap<BufferId, BufferId> = HashMap::new();
+    for ((dispatch, _), scope) in merged.iter_mut().zip(scopes) {
+        match &mut dispatch.call {
+            Call::TokenSum(sum) if *scope == Scope::Sampled => {
+                let name = format!("{}.counts", dispatch.name);
+                let own = maker.words(&name, sum.counts_bytes() / 4);
+                sum.computed = Some(computed(&sum.src, own));
+                maker.buffers[sum.dst.0].bytes = sum.sums_bytes();
+                counts.insert(sum.dst, own);
+            }
+            Call::FilmVector(vector) => vector.counts = counts.get(&vector.partials).copied(),
+            _ => {}
+        }
+    }
+    merged
 }
 
 /// The lists, and for every dispatch the one that it runs over.
-fn part(merged: &[(Dispatch, For)], whole: &[bool], padded: Extent) -> (Vec<List>, Vec<Option<usize>>) {
+fn part(merged: &[(Dispatch, For)], scopes: &[Scope], padded: Extent) -> (Vec<List>, Vec<Option<usize>>) {
     let mut lists: Vec<List> = Vec::new();
-    let list_of = merged.iter().zip(whole).map(|((dispatch, _), whole)| {
-        let (_, width, height) = dispatch.call.tiles().filter(|_| !whole)?;
+    let list_of = merged.iter().zip(scopes).map(|((dispatch, _), scope)| {
+        let (_, width, height) = dispatch.call.tiles().filter(|_| *scope != Scope::Whole)?;
         if is_output(dispatch) {
             return None; // It writes every pixel.
         }
         let tile_pixels = padded.width / width * TILE;
         let (columns, rows) = (width / TILE, height / TILE);
-        let part = Part { stage: dispatch.stage, tile_pixels, tiles: columns * rows };
+        let sampled = *scope == Scope::Sampled;
+        let part = Part { stage: dispatch.stage, tile_pixels, tiles: columns * rows, sampled };
         let at = lists.iter().position(|list| list.part == part).unwrap_or_else(|| {
             lists.push(List {
                 part,
