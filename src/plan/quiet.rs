@@ -24,9 +24,9 @@ use crate::net::graph::Stage;
 use std::collections::HashMap;
 
 /// Squares of a frame that are to be sampled, at least: the more there are, the better they stand for all.
-const SAMPLES: u32 = 64;
+const SAMPLES: u32 = 128;
 /// One of so few squares is sampled in a small frame: a sampled square has neighbours computed with it, for convolutions.
-const DENSEST: u32 = 4;
+const DENSEST: u32 = 16;
 /// One of so many squares in a large frame.
 const SPARSEST: u32 = 64;
 
