@@ -59,8 +59,12 @@ fn content(subject: &mut Subject, effort: Effort, change: fn(&mut Scene)) -> Res
     let mut scene = Scene::new(EXTENT, 7);
     change(&mut scene);
     let mut sound = sound();
-    sound.take(bad_samples(&subject.denoise(&scene)?), "");
+    let output = subject.denoise(&scene)?;
+    sound.take(bad_samples(&output), "");
     let mut figures = vec![sound];
+    if let Some(engine) = subject.as_engine() {
+        figures.extend(engine.to_whole(&scene, &output)?);
+    }
     // The reference takes its time; colour at its ends is where it can differ most.
     let wanted = effort == Effort::Everything || scene.color != Scene::new(EXTENT, 7).color;
     // Quiet squares keep their input, which is not what the network makes of them.
