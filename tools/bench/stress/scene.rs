@@ -74,6 +74,13 @@ impl Scene {
         Self { color, ..self.clone() }
     }
 
+    /// The same planes with sample counts that call the other half converged.
+    pub fn with_the_other_half_converged(&self) -> Self {
+        let other = |count: &f32| if *count < CONVERGED { CONVERGED } else { SAMPLES as f32 };
+        let samples = self.samples.as_ref().map(|samples| samples.iter().map(other).collect());
+        Self { samples, ..self.clone() }
+    }
+
     /// Index of the first sample of a pixel in a plane of three channels.
     pub fn at(&self, x: u32, y: u32) -> usize {
         3 * (y as usize * self.extent.width as usize + x as usize)

@@ -146,7 +146,10 @@ pub struct Engine {
 
 impl Engine {
     /// Denoises a scene.
-    fn denoise(&mut self, scene: &Scene) -> Result<Vec<f32>> {
+    ///
+    /// # Errors
+    /// As [`Denoiser::denoise`].
+    pub fn denoise(&mut self, scene: &Scene) -> Result<Vec<f32>> {
         let mut output = vec![f32::NAN; scene.color.len()];
         let rgb = Layout::interleaved(scene.extent, 3);
         self.denoiser.denoise(&scene.frame(), PlaneMut::f32(&mut output, rgb))?;
