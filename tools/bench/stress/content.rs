@@ -62,15 +62,15 @@ fn content(subject: &mut Subject, effort: Effort, change: fn(&mut Scene)) -> Res
     let output = subject.denoise(&scene)?;
     sound.take(bad_samples(&output), "");
     let mut figures = vec![sound];
-    if let Some(engine) = subject.as_engine() {
-        if let Some(mut figure) = engine.to_whole(&scene, &output)? {
-            // What lies on the one side reaches as far as what lies on the other.
-            let other = scene.with_the_other_half_converged();
-            let output = engine.denoise(&other)?;
-            figures[0].take(bad_samples(&output), "");
-            engine.to_whole(&other, &output)?.iter().for_each(|other| figure.take(other.value, "the other half"));
-            figures.push(figure);
-        }
+    if let Some(engine) = subject.as_engine()
+        && let Some(mut figure) = engine.against_whole(&scene, &output)?
+    {
+        // What lies on the one side reaches as far as what lies on the other.
+        let other = scene.with_the_other_half_converged();
+        let output = engine.denoise(&other)?;
+        figures[0].take(bad_samples(&output), "");
+        engine.against_whole(&other, &output)?.iter().for_each(|other| figure.take(other.value, "the other half"));
+        figures.push(figure);
     }
     // The reference takes its time; colour at its ends is where it can differ most.
     let wanted = effort == Effort::Everything || scene.color != Scene::new(EXTENT, 7).color;

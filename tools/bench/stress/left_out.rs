@@ -80,7 +80,7 @@ impl LeftOut {
 ///
 /// # Errors
 /// As [`Denoiser::denoise`].
-pub fn to_whole(
+pub fn against_whole(
     scene: &Scene,
     output: &[f32],
     quiet: (&Denoiser, QuietMode),

@@ -1,6 +1,6 @@
 //! What is put under stress: a tier of the engine, or a peer that another process runs.
 
-use super::left_out::{LeftOut, to_whole};
+use super::left_out::{LeftOut, against_whole};
 use super::scene::Scene;
 use super::{Measured, Result};
 use std::collections::BTreeMap;
@@ -161,7 +161,7 @@ impl Engine {
     ///
     /// # Errors
     /// As [`Denoiser::denoise`].
-    pub fn to_whole(&mut self, scene: &Scene, output: &[f32]) -> Result<Option<Measured>> {
+    pub fn against_whole(&mut self, scene: &Scene, output: &[f32]) -> Result<Option<Measured>> {
         let Some(mode) = self.tier.quiet else { return Ok(None) };
         let whole = match &mut self.whole {
             Some(whole) => whole,
@@ -170,7 +170,7 @@ impl Engine {
                 none.insert(tier.denoiser(&self.device, &self.weights, &Options::default())?)
             }
         };
-        to_whole(scene, output, (&self.denoiser, mode), whole).map(Some)
+        against_whole(scene, output, (&self.denoiser, mode), whole).map(Some)
     }
 }
 
