@@ -59,17 +59,14 @@ fn content(subject: &mut Subject, effort: Effort, change: fn(&mut Scene)) -> Res
     let mut scene = Scene::new(EXTENT, 7);
     change(&mut scene);
     let mut sound = sound();
-    let output = subject.denoise(&scene)?;
-    sound.take(bad_samples(&output), "");
+    sound.take(bad_samples(&subject.denoise(&scene)?), "");
     let mut figures = vec![sound];
     if let Some(engine) = subject.as_engine()
-        && let Some(mut figure) = engine.against_whole(&scene, &output)?
+        && let Some(mut figure) = engine.against_whole(&scene)?
     {
         // What lies on the one side reaches as far as what lies on the other.
         let other = scene.with_the_other_half_converged();
-        let output = engine.denoise(&other)?;
-        figures[0].take(bad_samples(&output), "");
-        engine.against_whole(&other, &output)?.iter().for_each(|other| figure.take(other.value, "the other half"));
+        engine.against_whole(&other)?.iter().for_each(|other| figure.take(other.value, "the other half"));
         figures.push(figure);
     }
     // The reference takes its time; colour at its ends is where it can differ most.

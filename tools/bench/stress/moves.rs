@@ -75,7 +75,7 @@ impl FarMoves {
         let shown = Measured::new("far pixels, tone-mapped dB to the undisturbed", Bound::AtLeast(FAR_DB));
         let clean = subject.denoise_undisturbed(scene)?;
         let whole = match subject.as_engine() {
-            Some(engine) => engine.against_whole(scene, &clean)?,
+            Some(engine) => engine.against_whole(scene)?,
             None => None,
         };
         Ok(Self {

@@ -146,10 +146,7 @@ pub struct Engine {
 
 impl Engine {
     /// Denoises a scene.
-    ///
-    /// # Errors
-    /// As [`Denoiser::denoise`].
-    pub fn denoise(&mut self, scene: &Scene) -> Result<Vec<f32>> {
+    fn denoise(&mut self, scene: &Scene) -> Result<Vec<f32>> {
         let mut output = vec![f32::NAN; scene.color.len()];
         let rgb = Layout::interleaved(scene.extent, 3);
         self.denoiser.denoise(&scene.frame(), PlaneMut::f32(&mut output, rgb))?;
@@ -157,12 +154,13 @@ impl Engine {
         Ok(output)
     }
 
-    /// How what the latest call denoised differs from the whole frame's pass; `None` for a tier that leaves nothing out.
+    /// How what it denoises of a scene differs from the whole frame's pass; `None` for a tier that leaves nothing out.
     ///
     /// # Errors
     /// As [`Denoiser::denoise`].
-    pub fn against_whole(&mut self, scene: &Scene, output: &[f32]) -> Result<Option<Measured>> {
+    pub fn against_whole(&mut self, scene: &Scene) -> Result<Option<Measured>> {
         let Some(mode) = self.tier.quiet else { return Ok(None) };
+        let output = self.denoise(scene)?;
         let whole = match &mut self.whole {
             Some(whole) => whole,
             none => {
@@ -170,7 +168,7 @@ impl Engine {
                 none.insert(tier.denoiser(&self.device, &self.weights, &Options::default())?)
             }
         };
-        against_whole(scene, output, (&self.denoiser, mode), whole).map(Some)
+        against_whole(scene, &output, (&self.denoiser, mode), whole).map(Some)
     }
 }
 
