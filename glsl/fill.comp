@@ -22,9 +22,11 @@ void main() {
     uint slot = group_index();
     if (slot >= tiles_of(tile_count, flags, tiles)) return;
     uvec2 origin = tile_origin(slot, first_tile, flags, tiles) * side / 8u;
-    for (uint i = gl_LocalInvocationID.x; i < side * side * channels; i += 64u) {
-        uint token = i / channels;
-        uvec2 at = origin + uvec2(token % side, token / side);
-        STORE(dst, (at.y * width + at.x) * dst_stride + i % channels, vec4(0.0));
+    // A power of two: CPU drivers divide slowly.
+    uint shift = uint(findLSB(side));
+    for (uint token = gl_LocalInvocationID.x; token < side * side; token += 64u) {
+        uvec2 at = origin + uvec2(token & (side - 1u), token >> shift);
+        uint first = (at.y * width + at.x) * dst_stride;
+        for (uint c = 0u; c < channels; ++c) STORE(dst, first + c, vec4(0.0));
     }
 }
