@@ -29,6 +29,10 @@ layout(push_constant) uniform Push {
     uint tile_pixels;     // a side
     uint max_y;
     uint slot;            // of the counts
+    uint pitch;           // of the sample, whose squares are looked at like denoised ones; 0: none
+    uint skew;
+    uint real_columns;    // squares beyond these are not sampled
+    uint real_rows;
     uint unused;
 };
 
@@ -55,11 +59,21 @@ uvec2 seen(uint tile, uint end, uint shift) {
     return uvec2(back == FAR ? 0u : start - min(start, back), on == FAR ? end : min(start + on + 1u, end));
 }
 
+bool has_sample(uvec2 across, uvec2 down) {
+    for (uint y = down.x; y < min(down.y, real_rows); ++y) {
+        uint first = across.x + skew * y;
+        uint next = (first + pitch - 1u) / pitch * pitch;
+        if (across.x + next - first < min(across.y, real_columns)) return true;
+    }
+    return false;
+}
+
 bool sees(uint x, uint y, uint shift) {
     uvec2 across = seen(x, map_columns, shift);
     uvec2 down = seen(y, map_rows, shift);
     if (across.x >= across.y || down.x >= down.y) return false;
-    return sum_to(across.y, down.y) + sum_to(across.x, down.x) != sum_to(across.x, down.y) + sum_to(across.y, down.x);
+    if (sum_to(across.y, down.y) + sum_to(across.x, down.x) != sum_to(across.x, down.y) + sum_to(across.y, down.x)) return true;
+    return pitch > 0u && has_sample(across, down);
 }
 
 void write_groups(uint entry, uint x, uint y) {

@@ -279,7 +279,7 @@ fn film_mean_of_many_tokens() {
         top: 0,
         storage: Storage::F32,
     };
-    let sum = TokenSum { src, real_width: side, real_height: side, dst: BufferId(1) };
+    let sum = TokenSum { src, real_width: side, real_height: side, dst: BufferId(1), computed: None };
     assert_eq!(sum.real_tokens(), 1 << 26);
     let outputs = 2 * base;
     let pack = Pack::FilmVector { weight: "enc.0.0.film".into(), inputs: base, outputs };
@@ -294,6 +294,7 @@ fn film_mean_of_many_tokens() {
         partials: BufferId(1),
         sums: sum.sums(),
         tokens: sum.real_tokens(),
+        counts: None,
         channels: base,
         weights: BufferId(3),
         dst: BufferId(2),

@@ -404,7 +404,7 @@ fn film_means_and_vectors() {
             for (real_width, real_height) in [(1, 1), (7, 1), (64, 33), (70, 45), (9, 31), (256, 300)] {
                 let padded = (u32::next_multiple_of(real_width, 8), u32::next_multiple_of(real_height, 8) + 8);
                 let src = cases.map(padded, base, 3.0);
-                let mut sum = TokenSum { src, real_width, real_height, dst: src.buffer };
+                let mut sum = TokenSum { src, real_width, real_height, dst: src.buffer, computed: None };
                 sum.dst = cases.empty("partials", sum.sums() as usize * base as usize);
                 let dst = sum.dst;
                 cases.add(Call::TokenSum(sum), dst);
@@ -417,7 +417,8 @@ fn film_means_and_vectors() {
                 let partials = cases.filled("partials", partials);
                 let weights = cases.pack(Pack::FilmVector { weight, inputs: channels, outputs });
                 let dst = cases.empty("film", outputs as usize);
-                let call = FilmVector { partials, sums, tokens: 64 * sums, channels, weights, dst, outputs };
+                let tokens = 64 * sums;
+                let call = FilmVector { partials, sums, tokens, counts: None, channels, weights, dst, outputs };
                 cases.add(Call::FilmVector(call), dst);
             }
             cases.check(&format!("film of multiples of {base}"), limit);

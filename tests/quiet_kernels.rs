@@ -2,67 +2,16 @@
 
 mod common;
 
-use common::case::make_buffers;
-use common::device::{assert_no_validation_messages, device};
+use common::device::assert_no_validation_messages;
 use common::planes::{TestFrame, TestPlane};
 use common::random::Random;
+use common::rig::{Rig, words};
 use vkdenoise::kernels::quiet::{
-    ALWAYS, Fill, MapSize, NoiseKind, QuietMap, REACHES, Reach, TileList, TileNoise, list_bytes,
+    ALWAYS, Fill, MapSize, NoiseKind, QuietMap, REACHES, Reach, Sample, TileList, TileNoise, list_bytes,
 };
-use vkdenoise::kernels::{BufferId, Call, Storage, Tiles, Variants, View};
-use vkdenoise::plan::{Buffer, Place};
-use vkdenoise::reference::Reference;
-use vkdenoise::testing::{Bench, SENTINEL};
-use vkdenoise::{Extent, Noise, Region, Weights};
-
-const PORTABLE: Variants = Variants { cpu: false, matrix: false, images: false, output_half: false };
-
-/// Buffers on a device and for the twins.
-struct Rig<'a> {
-    bench: Bench,
-    reference: Reference<'a>,
-    buffers: &'a [Buffer],
-}
-
-fn words(sizes: &[u64]) -> Vec<Buffer> {
-    let place = Place::Arena { block: 0, offset: 0 };
-    let buffer = |(i, words): (usize, &u64)| Buffer {
-        name: format!("buffer {i}"),
-        bytes: 4 * words,
-        storage: Storage::F32,
-        place: place.clone(),
-    };
-    sizes.iter().enumerate().map(buffer).collect()
-}
-
-impl<'a> Rig<'a> {
-    fn new(extent: Extent, buffers: &'a [Buffer]) -> Self {
-        let weights = Weights::hybrid().unwrap();
-        let mut bench = Bench::new(device(), PORTABLE).unwrap();
-        make_buffers(&mut bench, buffers, &weights);
-        Self { bench, reference: Reference::for_calls(extent, buffers, &weights).unwrap(), buffers }
-    }
-
-    fn set_floats(&mut self, id: BufferId, values: &[f32]) {
-        self.bench.upload(id, values);
-        self.reference.set_buffer(id, &values.iter().map(|&v| f64::from(v)).collect::<Vec<_>>());
-    }
-
-    /// Runs a call on both sides.
-    fn run(&mut self, call: Call) {
-        self.bench.run(std::slice::from_ref(&call)).unwrap();
-        self.reference.run_call(&call);
-    }
-
-    /// Compares integers; where the twin wrote nothing, the device must not have either.
-    fn assert_integers(&self, id: BufferId, what: &str) {
-        let found = self.bench.download(id, self.buffers[id.0].bytes as usize / 4);
-        for (i, (found, expected)) in found.iter().zip(self.reference.buffer(id)).enumerate() {
-            let expected = if expected.is_nan() { SENTINEL } else { *expected as u32 };
-            assert_eq!(found.to_bits(), expected, "{what}: word {i}");
-        }
-    }
-}
+use vkdenoise::kernels::{BufferId, Call, Storage, Tiles, View};
+use vkdenoise::testing::SENTINEL;
+use vkdenoise::{Extent, Noise, Region};
 
 const STATS: BufferId = BufferId(0);
 const NOISE: BufferId = BufferId(1);
@@ -220,8 +169,13 @@ fn quiet_maps_and_their_lists() {
             reach,
             read,
             max_y,
+            sample: None,
         };
         call.slot = random.integer(0, 3);
+        let real = |all: u32| if round % 4 == 3 { all - all / 3 } else { all };
+        let real = MapSize { columns: real(size.columns), rows: real(size.rows) };
+        let pitch = [4, 13, 64, 1000][(round + round / 4) % 4];
+        call.sample = (round % 2 == 1).then(|| Sample::one_in(pitch, real));
         let listed = list_bytes(call.tiles()) / 4;
         let buffers = words(&[
             u64::from(size.tiles()),
@@ -252,8 +206,6 @@ fn quiet_maps_and_their_lists() {
         let (width, height) = (random.integer(1, extent.width - x), random.integer(1, extent.height - y));
         let all = Region::all(extent);
         let region = if round % 3 == 0 { all } else { Region { x, y, width, height } };
-        let real = |all: u32| if round % 4 == 3 { all - all / 3 } else { all };
-        let real = MapSize { columns: real(size.columns), rows: real(size.rows) };
         rig.run(Call::QuietMap(QuietMap { src, map, sums, size, real, region }));
         rig.assert_integers(map, "map");
         rig.assert_integers(sums, "sums");
@@ -288,6 +240,7 @@ fn long_lists_fill_several_layers() {
         reach,
         read: reach,
         max_y: 2,
+        sample: None,
     };
     let listed = list_bytes(call.tiles()) / 4;
     let buffers = words(&[u64::from(size.sums()), listed, listed, call.groups_bytes() / 4, 1]);

@@ -27,7 +27,7 @@ fn check(weights: &Weights, tier: Tier, wanted: impl Fn(&str) -> bool, answers: 
     let (mut broken, mut run) = (Vec::new(), 0);
     for case in cases().into_iter().filter(|case| wanted(case.name)) {
         let started = Instant::now();
-        for measured in (case.run)(&mut subject, Effort::Sample).unwrap() {
+        for measured in case.measure(&mut subject, Effort::Sample).unwrap() {
             let shown = measured.shown();
             let line = format!("{}, {}: {} {shown}, bound {}", tier.name, case.name, measured.what, measured.bound);
             println!("{line}");
@@ -67,8 +67,7 @@ fn tiers_with_halves_keep_bounds_of_their_own() {
     check_tiers(|tier| tier.exactness == Exactness::Half && tier.conv == ConvAlgorithm::Direct);
 }
 
-/// These frames are noisy nearly everywhere, so this holds the bounds of what is denoised beside the lists; `tests/quiet.rs` has frames
-/// of which much is left out.
+/// Sample counts call half of every frame converged.
 #[test]
 fn tiers_that_leave_quiet_squares_out_keep_the_bounds() {
     check_tiers(|tier| tier.quiet.is_some());
@@ -111,6 +110,7 @@ fn frame() -> impl Strategy<Value = Scene> {
             albedo,
             normal,
             depth,
+            samples: None,
         })
     };
     (1..=24u32, 1..=16u32).prop_flat_map(planes)

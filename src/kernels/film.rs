@@ -1,10 +1,12 @@
 //! The FiLM vectors: the mean of a map's tokens, and a matrix applied to it.
 //!
-//! The mean is summed in two levels of fixed order, so that every run gives the same bits.
+//! The mean is summed in two levels of fixed order, so that every run gives the same bits. Where quiet squares are left out
+//! ([`super::quiet`]), it is estimated: a sample of them stands for all.
 
 use super::contract::Contract;
 use super::contracts::{self, halves};
 use super::pushes::{FilmVectorPush, TokenSumPush};
+use super::quiet::{MAP_TILE, Sample};
 use super::{Addresses, BufferId, Kernel, PushBytes, Traffic, Variants, View, by_storage, groups};
 
 /// Most partial sums of a frame.
@@ -21,8 +23,25 @@ pub struct TokenSum {
     pub real_width: u32,
     /// Rows that are real.
     pub real_height: u32,
-    /// The partial sums, `[sums][channels]`.
+    /// The partial sums, `[sums][channels]`; with `computed` twice, of denoised squares and of sampled ones.
     pub dst: BufferId,
+    /// Which tokens there are; `None`: all.
+    pub computed: Option<Computed>,
+}
+
+/// Which tokens of a map were computed: those of denoised squares and of a sample of the quiet ones.
+#[derive(Clone, Debug, PartialEq)]
+pub struct Computed {
+    /// 1 or 0 for every square ([`super::quiet::QuietMap::map`]).
+    pub map: BufferId,
+    /// Squares in a row of it.
+    pub columns: u32,
+    /// Pixels of a token, on a side: it belongs to the square in which it begins.
+    pub token_pixels: u32,
+    /// The sample.
+    pub sample: Sample,
+    /// Written: tokens of denoised squares and of sampled ones, for every partial sum.
+    pub counts: BufferId,
 }
 
 impl TokenSum {
@@ -40,6 +59,17 @@ impl TokenSum {
     pub fn sums(&self) -> u64 {
         self.real_tokens().div_ceil(self.tokens_per_sum())
     }
+
+    /// Bytes of the partial sums.
+    pub fn sums_bytes(&self) -> u64 {
+        let kinds = if self.computed.is_some() { 2 } else { 1 };
+        kinds * self.sums() * u64::from(self.src.channels) * 4
+    }
+
+    /// Bytes of the counts.
+    pub fn counts_bytes(&self) -> u64 {
+        8 * self.sums()
+    }
 }
 
 impl Kernel for TokenSum {
@@ -52,9 +82,13 @@ impl Kernel for TokenSum {
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {
+        let (dst, computed) = (at.of(self.dst), self.computed.as_ref());
+        let sample = computed.map_or(Sample::default(), |computed| computed.sample);
         PushBytes::new(&TokenSumPush {
             src: at.view(&self.src),
-            dst: at.of(self.dst),
+            dst,
+            map: computed.map_or(dst, |computed| at.of(computed.map)),
+            counts: computed.map_or(dst, |computed| at.of(computed.counts)),
             width: self.src.width,
             real_width: self.real_width,
             real_tokens: self.real_tokens() as u32,
@@ -62,28 +96,39 @@ impl Kernel for TokenSum {
             channels: self.src.channels / 4,
             tokens_per_sum: self.tokens_per_sum() as u32,
             sums: self.sums() as u32,
+            map_columns: computed.map_or(0, |computed| computed.columns),
+            token_pixels: computed.map_or(1, |computed| computed.token_pixels),
+            pitch: sample.pitch,
+            skew: sample.skew,
             unused: 0,
         })
     }
 
     fn traffic(&self) -> Traffic {
-        let channels = u64::from(self.src.channels);
-        Traffic {
-            reads: vec![(self.src.buffer, self.real_tokens() * channels * self.src.storage.bytes())],
-            writes: vec![(self.dst, self.sums() * channels * 4)],
+        let tokens = self.real_tokens() * u64::from(self.src.channels) * self.src.storage.bytes();
+        let mut traffic =
+            Traffic { reads: vec![(self.src.buffer, tokens)], writes: vec![(self.dst, self.sums_bytes())] };
+        if let Some(computed) = &self.computed {
+            let rows = (self.real_height * computed.token_pixels).div_ceil(MAP_TILE);
+            traffic.reads.push((computed.map, u64::from(computed.columns) * u64::from(rows) * 4));
+            traffic.writes.push((computed.counts, self.counts_bytes()));
         }
+        traffic
     }
 }
 
-/// Level two: `W (sum of partials / tokens) + bias`.
+/// Level two: `W (sum of partials / tokens) + bias`. With counts, tokens of sampled squares count as often as it takes to stand
+/// for all that are not of denoised ones; where none was sampled, those of denoised squares stand for all.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FilmVector {
     /// The partial sums.
     pub partials: BufferId,
     /// Number of partial sums.
     pub sums: u64,
-    /// Tokens that were summed.
+    /// Tokens that the mean is of.
     pub tokens: u64,
+    /// Tokens that were summed ([`Computed::counts`]); `None`: all.
+    pub counts: Option<BufferId>,
     /// Channels of the mean, at most 512.
     pub channels: u32,
     /// Packed `[bias | W]`, W row by row.
@@ -104,22 +149,27 @@ impl Kernel for FilmVector {
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {
+        let partials = at.of(self.partials);
         PushBytes::new(&FilmVectorPush {
-            partials: at.of(self.partials),
+            partials,
             weights: at.of(self.weights),
             dst: at.of(self.dst),
+            counts: self.counts.map_or(partials, |counts| at.of(counts)),
             channels: self.channels,
             outputs: self.outputs,
             sums: self.sums as u32,
+            tokens: self.tokens as u32,
+            counted: u32::from(self.counts.is_some()),
             inverse_tokens: (1.0 / self.tokens as f64) as f32,
         })
     }
 
     fn traffic(&self) -> Traffic {
         let (channels, outputs) = (u64::from(self.channels), u64::from(self.outputs));
-        Traffic {
-            reads: vec![(self.partials, self.sums * channels * 4), (self.weights, (channels + 1) * outputs * 4)],
-            writes: vec![(self.dst, outputs * 4)],
-        }
+        let kinds = if self.counts.is_some() { 2 } else { 1 };
+        let partials = (self.partials, kinds * self.sums * channels * 4);
+        let mut reads = vec![partials, (self.weights, (channels + 1) * outputs * 4)];
+        reads.extend(self.counts.map(|counts| (counts, 8 * self.sums)));
+        Traffic { reads, writes: vec![(self.dst, outputs * 4)] }
     }
 }

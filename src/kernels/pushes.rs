@@ -75,17 +75,17 @@ push_constants! {
 push_constants! {
     /// Sums of tokens, level one: one partial sum for every run of tokens.
     TokenSumPush {
-        src: Address, dst: Address,
+        src: Address, dst: Address, map: Address, counts: Address,
         width: U32, real_width: U32, real_tokens: U32, src_stride: U32, channels: U32,
-        tokens_per_sum: U32, sums: U32, unused: U32,
+        tokens_per_sum: U32, sums: U32, map_columns: U32, token_pixels: U32, pitch: U32, skew: U32, unused: U32,
     }
 }
 
 push_constants! {
     /// Sums of tokens, level two, and the matrix that makes the FiLM vectors of their mean.
     FilmVectorPush {
-        partials: Address, weights: Address, dst: Address,
-        channels: U32, outputs: U32, sums: U32, inverse_tokens: F32,
+        partials: Address, weights: Address, dst: Address, counts: Address,
+        channels: U32, outputs: U32, sums: U32, tokens: U32, inverse_tokens: F32, counted: U32,
     }
 }
 
@@ -188,7 +188,8 @@ push_constants! {
     TileListPush {
         sums: Address, list: Address, idle: Address, groups: Address, counts: Address,
         reach_0: U32, reach_1: U32, reach_2: U32, reach_3: U32, reach_4: U32, reach_5: U32, reach_6: U32, reach_7: U32,
-        map_columns: U32, map_rows: U32, columns: U32, rows: U32, tile_pixels: U32, max_y: U32, slot: U32, unused: U32,
+        map_columns: U32, map_rows: U32, columns: U32, rows: U32, tile_pixels: U32, max_y: U32, slot: U32,
+        pitch: U32, skew: U32, real_columns: U32, real_rows: U32, unused: U32,
     }
 }
 

@@ -24,7 +24,7 @@ pub const BLEND_PIXELS: u32 = 8;
 pub const TILES_A_GROUP: [u32; 5] = [1, 2, 4, 8, 16];
 
 /// Size of the map, in squares; of a padded frame, whose sides are multiples of [`MAP_TILE`].
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct MapSize {
     /// Squares in x.
     pub columns: u32,
@@ -215,10 +215,30 @@ impl Reach {
     }
 }
 
+/// A regular sample of the map's squares, which stand for the others in what is taken of the whole frame: squares (x, y) with `(x + skew y) %
+/// pitch = 0`, one in `pitch`, the first of the map among them. With a skew of the pitch's root its nearest squares are about that
+/// far apart in every direction.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub struct Sample {
+    /// Of so many squares one.
+    pub pitch: u32,
+    /// Columns by which a row is shifted against the one above.
+    pub skew: u32,
+    /// Squares of the frame; those beyond are not sampled.
+    pub real: MapSize,
+}
+
+impl Sample {
+    /// One in so many squares of a frame.
+    pub fn one_in(pitch: u32, real: MapSize) -> Self {
+        Self { pitch, skew: f64::from(pitch).sqrt().round() as u32, real }
+    }
+}
+
 /// Places of a tile among the squares of the map that may differ in reach: the coarsest tiles are 128 pixels.
 pub const REACHES: usize = 8;
 
-/// Lists the tiles of one resolution that look at a marked square, row by row, and others that are read.
+/// Lists the tiles of one resolution that look at a marked square, row by row, or at a sampled one, and others that are read.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TileList {
     /// Sums of the map.
@@ -247,6 +267,8 @@ pub struct TileList {
     pub read: [Reach; REACHES],
     /// Largest y of the dispatches over the list.
     pub max_y: u32,
+    /// Squares that are looked at like marked ones, where there are such.
+    pub sample: Option<Sample>,
 }
 
 impl TileList {
@@ -297,6 +319,7 @@ impl Kernel for TileList {
     fn push(&self, at: &Addresses) -> PushBytes {
         let [reach_0, reach_1, reach_2, reach_3, reach_4, reach_5, reach_6, reach_7] =
             std::array::from_fn(|i| self.reach[i].bits() | self.read[i].bits() << 16);
+        let sample = self.sample.unwrap_or_default();
         PushBytes::new(&TileListPush {
             sums: at.of(self.sums),
             list: at.of(self.list),
@@ -318,6 +341,10 @@ impl Kernel for TileList {
             tile_pixels: self.tile_pixels,
             max_y: self.max_y,
             slot: self.slot,
+            pitch: sample.pitch,
+            skew: sample.skew,
+            real_columns: sample.real.columns,
+            real_rows: sample.real.rows,
             unused: 0,
         })
     }

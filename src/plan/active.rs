@@ -15,6 +15,8 @@ pub struct Part {
     pub tile_pixels: u32,
     /// Its tiles, active or not.
     pub tiles: u32,
+    /// Whether a sample of what is quiet is active too, for what is taken of the whole frame.
+    pub sampled: bool,
 }
 
 /// Where the device tells of active tiles.

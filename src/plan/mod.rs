@@ -14,6 +14,7 @@ mod ops;
 pub mod pack;
 pub mod quiet;
 pub mod quiet_mode;
+mod quiet_reach;
 mod region;
 mod unembed;
 mod winograd;

@@ -119,9 +119,9 @@ impl Lowering<'_> {
                     real_width: self.extent.width.div_ceil(stride),
                     real_height: self.extent.height.div_ceil(stride),
                     dst: normed.buffer,
+                    computed: None,
                 };
-                let bytes = sum.sums() * u64::from(source.channels) * 4;
-                sum.dst = self.scratch(&format!("{}.partials", op.name), bytes, Storage::F32);
+                sum.dst = self.scratch(&format!("{}.partials", op.name), sum.sums_bytes(), Storage::F32);
                 let partials = Partials { buffer: sum.dst, sums: sum.sums(), tokens: sum.real_tokens() };
                 self.partials.insert(*output, partials);
                 Call::TokenSum(sum)
@@ -136,6 +136,7 @@ impl Lowering<'_> {
                     partials: partials.buffer,
                     sums: partials.sums,
                     tokens: partials.tokens,
+                    counts: None,
                     channels: inputs,
                     weights,
                     dst,

@@ -7,20 +7,28 @@
 //! * approximate: as far as its stage's margin says. Where others read beyond its tiles, they find zeros, as convolutions do at
 //!   the border of the frame.
 //!
-//! What the whole frame is needed of (the features whose mean FiLM takes) stays whole.
+//! What the whole frame is needed of, the features whose mean FiLM takes, stays whole in exact mode. In approximate mode the mean is
+//! estimated, and their lists have the squares of a regular sample too ([`Sample`]), which stand for all quiet ones.
 
 use super::active::{Activity, Part};
 use super::featureless::For;
-use super::quiet_mode::{QuietMargins, QuietMode};
+use super::quiet_mode::QuietMode;
+use super::quiet_reach::{reach_by_margins, reach_exactly, read_beyond};
 use super::region::{needed_tokens, set_region};
 use super::{Buffer, Dispatch, Place, Plan};
 use crate::frame::{Extent, Region};
-use crate::kernels::quiet::{
-    BLEND_PIXELS, Fill, MAP_TILE, MapSize, QuietMap, REACHES, Reach, TileList, TileNoise, list_bytes,
-};
-use crate::kernels::{BufferId, Call, Shuffle, Storage, TILE, Tiles, Variants};
+use crate::kernels::film::Computed;
+use crate::kernels::quiet::{Fill, MapSize, QuietMap, REACHES, Reach, Sample, TileList, TileNoise, list_bytes};
+use crate::kernels::{BufferId, Call, Storage, TILE, Tiles, Variants, View};
 use crate::net::graph::Stage;
 use std::collections::HashMap;
+
+/// Squares of a frame that are to be sampled, at least: the more there are, the better they stand for all.
+const SAMPLES: u32 = 128;
+/// One of so few squares is sampled in a small frame: a sampled square has neighbours computed with it, for convolutions.
+const DENSEST: u32 = 16;
+/// One of so many squares in a large frame.
+const SPARSEST: u32 = 64;
 
 /// Where the device says how many workgroups a dispatch has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -68,12 +76,12 @@ pub(super) struct Frame {
 }
 
 /// A list of the plan: a part of the network at one resolution.
-struct List {
-    part: Part,
+pub(super) struct List {
+    pub part: Part,
     columns: u32,
     rows: u32,
-    reach: [Reach; REACHES],
-    read: [Reach; REACHES],
+    pub reach: [Reach; REACHES],
+    pub read: [Reach; REACHES],
     max_y: u32,
 }
 
@@ -82,8 +90,8 @@ type Merged = Vec<(Dispatch, For)>;
 
 /// Has the dispatches run over lists of tiles, and puts what makes these before the first of them.
 pub(super) fn apply(merged: Merged, buffers: &mut Vec<Buffer>, frame: &Frame) -> (Merged, Activity) {
-    let whole = needed_whole(&merged, frame);
-    let (mut lists, list_of) = part(&merged, &whole, frame.padded);
+    let scopes = scopes(&merged, frame);
+    let (mut lists, list_of) = part(&merged, &scopes, frame.padded);
     let fills = match &frame.mode {
         QuietMode::Exact => {
             reach_exactly(&mut lists, &list_of, &merged, frame);
@@ -104,6 +112,7 @@ pub(super) fn apply(merged: Merged, buffers: &mut Vec<Buffer>, frame: &Frame) ->
     let region = Region::all(frame.extent);
     // With nothing quiet, an approximate pass is the whole one, its padding with it.
     let real = if frame.mode == QuietMode::Exact { map } else { MapSize::of(frame.extent) };
+    let sample = Sample::one_in((real.tiles() / SAMPLES).clamp(DENSEST, SPARSEST), real);
     let mut before = vec![
         dispatch(
             "quiet.noise",
@@ -132,11 +141,19 @@ pub(super) fn apply(merged: Merged, buffers: &mut Vec<Buffer>, frame: &Frame) ->
             reach: list.reach,
             read: list.read,
             max_y: list.max_y,
+            sample: list.part.sampled.then_some(sample),
         };
         call.groups = words("groups", call.groups_bytes() / 4);
         made.push(call.clone());
         before.push(dispatch(&name, Call::TileList(call)));
     }
+    let merged = estimate_means(merged, &scopes, &mut maker, |src, counts| Computed {
+        map: activity.buffer,
+        columns: map.columns,
+        token_pixels: frame.padded.width / src.width,
+        sample,
+        counts,
+    });
     let is_first = |(list, (dispatch, _)): (&Option<usize>, &(Dispatch, For))| list.is_some() || is_output(dispatch);
     let first = list_of.iter().zip(&merged).position(is_first).unwrap_or_default();
     let mut out = Vec::new();
@@ -204,44 +221,92 @@ impl Maker<'_> {
 }
 
 /// The dispatches for one kind of frame, with their places among all.
-fn sequence(merged: &[(Dispatch, For)], other: For) -> (Vec<usize>, Vec<Dispatch>) {
+pub(super) fn sequence(merged: &[(Dispatch, For)], other: For) -> (Vec<usize>, Vec<Dispatch>) {
     let chosen = merged.iter().enumerate().filter(|(_, (_, frames))| *frames != other);
     chosen.map(|(at, (dispatch, _))| (at, dispatch.clone())).unzip()
 }
 
 /// Both kinds.
-const KINDS: [For; 2] = [For::NoFeatures, For::Features];
+pub(super) const KINDS: [For; 2] = [For::NoFeatures, For::Features];
 
-/// For every dispatch whether it is needed in whole, whatever is denoised.
-fn needed_whole(merged: &[(Dispatch, For)], frame: &Frame) -> Vec<bool> {
-    let mut whole = vec![false; merged.len()];
+/// What of a frame a dispatch computes.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+enum Scope {
+    /// What is denoised, as far as the mode says.
+    Active,
+    /// That and a sample of the rest.
+    Sampled,
+    /// All of it.
+    Whole,
+}
+
+/// What every dispatch computes. Those that the whole frame is needed of are sampled in approximate mode, unless they are kept for the
+/// next frame, of which other squares may be quiet.
+fn scopes(merged: &[(Dispatch, For)], frame: &Frame) -> Vec<Scope> {
+    let mut scopes = vec![Scope::Active; merged.len()];
+    let of_mean = match frame.mode {
+        QuietMode::Approximate(_) => Scope::Sampled,
+        QuietMode::Exact => Scope::Whole,
+    };
     let nothing = Region { x: 0, y: 0, width: 0, height: 0 };
     for other in KINDS {
         let (places, dispatches) = sequence(merged, other);
         let needed = needed_tokens(&dispatches, nothing, |_| false);
         for (at, needed) in places.into_iter().zip(needed) {
-            whole[at] |= needed.is_some_and(|rect| !rect.is_empty());
+            if needed.is_some_and(|rect| !rect.is_empty()) {
+                scopes[at] = of_mean;
+            }
         }
     }
-    for (whole, (dispatch, frames)) in whole.iter_mut().zip(merged) {
+    for (scope, (dispatch, frames)) in scopes.iter_mut().zip(merged) {
+        if matches!(dispatch.call, Call::TokenSum(_)) {
+            *scope = of_mean;
+        }
         // The small maps of a frame without features stand for all of it.
         let is_small = *frames == For::NoFeatures && !matches!(dispatch.call, Call::Expand(_));
-        *whole |= is_small || frame.keeps_features && dispatch.of_features;
+        if is_small || frame.keeps_features && dispatch.of_features {
+            *scope = Scope::Whole;
+        }
     }
-    whole
+    scopes
+}
+
+/// Has the means of sampled maps be estimated from the tokens that there are.
+fn estimate_means(
+    mut merged: Merged,
+    scopes: &[Scope],
+    maker: &mut Maker,
+    computed: impl Fn(&View, BufferId) -> Computed,
+) -> Merged {
+    let mut counts: HashMap<BufferId, BufferId> = HashMap::new();
+    for ((dispatch, _), scope) in merged.iter_mut().zip(scopes) {
+        match &mut dispatch.call {
+            Call::TokenSum(sum) if *scope == Scope::Sampled => {
+                let name = format!("{}.counts", dispatch.name);
+                let own = maker.words(&name, sum.counts_bytes() / 4);
+                sum.computed = Some(computed(&sum.src, own));
+                maker.buffers[sum.dst.0].bytes = sum.sums_bytes();
+                counts.insert(sum.dst, own);
+            }
+            Call::FilmVector(vector) => vector.counts = counts.get(&vector.partials).copied(),
+            _ => {}
+        }
+    }
+    merged
 }
 
 /// The lists, and for every dispatch the one that it runs over.
-fn part(merged: &[(Dispatch, For)], whole: &[bool], padded: Extent) -> (Vec<List>, Vec<Option<usize>>) {
+fn part(merged: &[(Dispatch, For)], scopes: &[Scope], padded: Extent) -> (Vec<List>, Vec<Option<usize>>) {
     let mut lists: Vec<List> = Vec::new();
-    let list_of = merged.iter().zip(whole).map(|((dispatch, _), whole)| {
-        let (_, width, height) = dispatch.call.tiles().filter(|_| !whole)?;
+    let list_of = merged.iter().zip(scopes).map(|((dispatch, _), scope)| {
+        let (_, width, height) = dispatch.call.tiles().filter(|_| *scope != Scope::Whole)?;
         if is_output(dispatch) {
             return None; // It writes every pixel.
         }
         let tile_pixels = padded.width / width * TILE;
         let (columns, rows) = (width / TILE, height / TILE);
-        let part = Part { stage: dispatch.stage, tile_pixels, tiles: columns * rows };
+        let sampled = *scope == Scope::Sampled;
+        let part = Part { stage: dispatch.stage, tile_pixels, tiles: columns * rows, sampled };
         let at = lists.iter().position(|list| list.part == part).unwrap_or_else(|| {
             lists.push(List {
                 part,
@@ -265,126 +330,4 @@ fn largest_y(call: &Call) -> u32 {
     let variants = [(false, false), (true, false), (false, true)];
     let variants = variants.map(|(cpu, matrix)| Variants { cpu, matrix, images: false, output_half: false });
     variants.into_iter().map(|variants| call.kernel().groups(variants)[1]).max().unwrap_or(1)
-}
-
-/// Has tiles `first..end` of so many pixels along an axis look at a square of the map.
-fn look(reach: &mut [Reach; REACHES], tile_pixels: u32, square: u32, (first, end): (u32, u32)) {
-    for tile in first..end {
-        let start = tile * tile_pixels / MAP_TILE;
-        let reach = &mut reach[start as usize % REACHES];
-        reach.back = reach.back.max(start.saturating_sub(square));
-        reach.on = reach.on.max(square.saturating_sub(start));
-    }
-}
-
-/// Tiles look at the squares that need them, with their blend: found square by square along the frame's diagonal, as columns and
-/// rows do not depend on each other.
-fn reach_exactly(lists: &mut [List], list_of: &[Option<usize>], merged: &[(Dispatch, For)], frame: &Frame) {
-    let Extent { width, height } = frame.extent;
-    for other in KINDS {
-        let (places, dispatches) = sequence(merged, other);
-        for square in 0..width.max(height).div_ceil(MAP_TILE) {
-            let own = |size: u32| square.min((size - 1) / MAP_TILE);
-            let (column, row) = (own(width), own(height));
-            let axis = |square: u32, size: u32| {
-                let first = (square * MAP_TILE).saturating_sub(BLEND_PIXELS);
-                (first, ((square + 1) * MAP_TILE + BLEND_PIXELS).min(size) - first)
-            };
-            let ((x, width), (y, height)) = (axis(column, width), axis(row, height));
-            let needed = needed_tokens(&dispatches, Region { x, y, width, height }, |_| false);
-            for (at, rect) in places.iter().zip(needed) {
-                let (Some(list), Some(rect)) = (list_of[*at], rect) else { continue };
-                if !rect.is_empty() {
-                    let List { reach, part: Part { tile_pixels, .. }, .. } = &mut lists[list];
-                    look(reach, *tile_pixels, column, (rect.left / TILE, rect.right.div_ceil(TILE)));
-                    look(reach, *tile_pixels, row, (rect.top / TILE, rect.bottom.div_ceil(TILE)));
-                }
-            }
-        }
-    }
-}
-
-/// Tiles look as far as their stage's margin; they are read as far as other tiles do, and a token around.
-fn reach_by_margins(lists: &mut [List], list_of: &[Option<usize>], merged: &[(Dispatch, For)], margins: &QuietMargins) {
-    let reads = reads(merged, list_of);
-    // In the middle of a map without ends, where every phase occurs.
-    let middle = 1 << 10;
-    for square in (middle..).take(REACHES) {
-        let around = |first: u32, end: u32, pixels: u32| (first.saturating_sub(pixels), end.saturating_add(pixels));
-        let tiles = |list: &List, (first, end): (u32, u32)| {
-            let pixels = list.part.tile_pixels;
-            (first / pixels, end.div_ceil(pixels))
-        };
-        let active = |list: &List| {
-            let pixels = margins.of(list.part.stage).min(middle * MAP_TILE);
-            tiles(list, around(square * MAP_TILE, (square + 1) * MAP_TILE, pixels))
-        };
-        let spans: Vec<_> = lists.iter().map(active).collect();
-        for (list, span) in lists.iter_mut().zip(&spans) {
-            look(&mut list.reach, list.part.tile_pixels, square, *span);
-        }
-        for &(reader, producer) in &reads {
-            let of_reader = lists[reader].part.tile_pixels;
-            let (first, end) = (spans[reader].0 * of_reader, spans[reader].1 * of_reader);
-            let list = &mut lists[producer];
-            let span = tiles(list, around(first, end, list.part.tile_pixels / TILE));
-            look(&mut list.read, list.part.tile_pixels, square, span);
-        }
-    }
-}
-
-/// Which list's dispatches read what a list's have written: (reader, producer).
-fn reads(merged: &[(Dispatch, For)], list_of: &[Option<usize>]) -> Vec<(usize, usize)> {
-    let mut pairs = Vec::new();
-    each_read(merged, list_of, |(_, reader), (_, producer), _| {
-        if !pairs.contains(&(reader, producer)) {
-            pairs.push((reader, producer));
-        }
-    });
-    pairs
-}
-
-/// A dispatch's place, and its list.
-type InList = (usize, usize);
-
-/// Calls `each` with every dispatch over a list and every one before it that has written a buffer that it reads.
-fn each_read(merged: &[(Dispatch, For)], list_of: &[Option<usize>], mut each: impl FnMut(InList, InList, BufferId)) {
-    for other in KINDS {
-        let mut written: HashMap<BufferId, Vec<InList>> = HashMap::new();
-        for (at, ((dispatch, frames), list)) in merged.iter().zip(list_of).enumerate() {
-            let (Some(list), true) = (*list, *frames != other) else { continue };
-            let traffic = dispatch.call.kernel().traffic();
-            for (id, _) in &traffic.reads {
-                written.get(id).into_iter().flatten().for_each(|producer| each((at, list), *producer, *id));
-            }
-            traffic.writes.iter().for_each(|(id, _)| written.entry(*id).or_default().push((at, list)));
-        }
-    }
-}
-
-/// The dispatches whose results are read beyond their own tiles, by convolutions or by dispatches over another list, with the side
-/// of a tile of theirs in tokens of the result.
-fn read_beyond(merged: &[(Dispatch, For)], list_of: &[Option<usize>]) -> HashMap<usize, u32> {
-    let side = |call: &Call| match call {
-        Call::Conv3x3(conv) => side_of(conv.shuffle),
-        Call::Winograd3x3(winograd) => side_of(winograd.conv.shuffle),
-        Call::Unembed(_) => side_of(Shuffle::Shuffle),
-        _ => TILE,
-    };
-    let mut found = HashMap::new();
-    each_read(merged, list_of, |(at, reader), (from, producer), id| {
-        let around = merged[at].0.call.reads_around().is_some_and(|view| view.buffer == id);
-        if around || reader != producer {
-            found.insert(from, side(&merged[from].0.call));
-        }
-    });
-    found
-}
-
-fn side_of(shuffle: Shuffle) -> u32 {
-    match shuffle {
-        Shuffle::None => TILE,
-        Shuffle::Shuffle => 2 * TILE,
-        Shuffle::Unshuffle => TILE / 2,
-    }
 }

@@ -10,7 +10,7 @@ use std::str::FromStr;
 pub enum QuietMode {
     /// As far as the denoised pixels depend on: they have the bits of the whole frame's pass.
     Exact,
-    /// As far as margins say.
+    /// As far as margins say. The means that FiLM takes of the whole frame are estimated from a sample of what is quiet.
     Approximate(QuietMargins),
 }
 

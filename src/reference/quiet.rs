@@ -3,7 +3,7 @@
 use super::Reference;
 use super::frame_io::{FrameData, reflect};
 use crate::kernels::quiet::{
-    ALWAYS, FAR, Fill, MAP_TILE, NoiseKind, QuietMap, REACHES, Reach, TILES_A_GROUP, TileList, TileNoise,
+    ALWAYS, FAR, Fill, MAP_TILE, NoiseKind, QuietMap, REACHES, Reach, Sample, TILES_A_GROUP, TileList, TileNoise,
 };
 use crate::kernels::stats::{EXPOSURE, KEY};
 use crate::kernels::{TILE, View};
@@ -116,7 +116,8 @@ pub fn tile_list(reference: &mut Reference, call: &TileList) {
         first as usize..end as usize
     };
     let sees = |reach: &[Reach; REACHES], x: u32, y: u32| {
-        seen(reach, y, call.map.rows).any(|row| seen(reach, x, call.map.columns).any(|column| marked(column, row)))
+        let looks = |column, row| marked(column, row) || call.sample.is_some_and(|s| is_sampled(&s, column, row));
+        seen(reach, y, call.map.rows).any(|row| seen(reach, x, call.map.columns).any(|column| looks(column, row)))
     };
     let tiles: Vec<(u32, u32)> = (0..call.rows).flat_map(|y| (0..call.columns).map(move |x| (x, y))).collect();
     let (active, others): (Vec<_>, Vec<_>) = tiles.into_iter().partition(|(x, y)| sees(&call.reach, *x, *y));
@@ -133,6 +134,13 @@ pub fn tile_list(reference: &mut Reference, call: &TileList) {
     reference.set_tiles(call.idle, &idle);
     reference.set_buffer(call.groups, &shapes);
     reference.set_element(call.counts, call.slot as usize, f64::from(count));
+}
+
+/// Whether a square is one of a sample.
+pub fn is_sampled(sample: &Sample, x: usize, y: usize) -> bool {
+    let Sample { pitch, skew, real } = *sample;
+    let inside = x < real.columns as usize && y < real.rows as usize;
+    inside && (x + skew as usize * y).is_multiple_of(pitch as usize)
 }
 
 /// Zeros.

@@ -10,4 +10,5 @@ pub mod image;
 pub mod network;
 pub mod planes;
 pub mod random;
+pub mod rig;
 pub mod vulkan;

@@ -111,7 +111,7 @@ impl Case {
 }
 
 fn shares(active: &ActiveTiles) -> Vec<serde_json::Value> {
-    let share = |(at, (part, _)): (usize, &(vkdenoise::Part, u32))| serde_json::json!({ "stage": part.stage.to_string(), "tile_pixels": part.tile_pixels, "share": active.share(at) });
+    let share = |(at, (part, _)): (usize, &(vkdenoise::Part, u32))| serde_json::json!({ "stage": part.stage.to_string(), "tile_pixels": part.tile_pixels, "sampled": part.sampled, "share": active.share(at) });
     active.parts.iter().enumerate().map(share).collect()
 }
 

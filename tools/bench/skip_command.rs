@@ -16,6 +16,9 @@ pub struct SkipArgs {
     /// Side of the square region in the middle.
     #[arg(long, default_value_t = 128)]
     region: u32,
+    /// Only this case beside the whole frame: region, "features unchanged" or "no features"; may be given again.
+    #[arg(long, value_parser = CASES)]
+    case: Vec<String>,
     /// Timed rounds; each runs every case once, in turn.
     #[arg(long, default_value_t = 7)]
     repeat: u32,
@@ -23,6 +26,9 @@ pub struct SkipArgs {
     #[arg(long, env = "VKDENOISE_DEVICE", default_value = "best")]
     device: DeviceSelector,
 }
+
+/// The cases' names.
+const CASES: [&str; 3] = ["region", "features unchanged", "no features"];
 
 /// One way of leaving something out.
 struct Case {
@@ -42,12 +48,15 @@ pub fn run(args: &SkipArgs) -> stress::Result<()> {
     let middle = Region { x: (extent.width - side) / 2, y: (extent.height - side) / 2, width: side, height: side };
     let case =
         |name, unchanged, features, region| Case { name, unchanged, features, region, work: 0.0, seconds: vec![] };
-    let mut cases = [
+    let [region, unchanged, none] = CASES;
+    let mut cases = vec![
         case("whole", false, true, None),
-        case("region", false, true, Some(middle)),
-        case("features unchanged", true, true, None),
-        case("no features", false, false, None),
+        case(region, false, true, Some(middle)),
+        case(unchanged, true, true, None),
+        case(none, false, false, None),
     ];
+    let wanted = |name: &str| args.case.is_empty() || args.case.iter().any(|case| case == name);
+    cases.retain(|case| case.name == "whole" || wanted(case.name));
     let device = Device::open(&args.device)?;
     let weights = Weights::hybrid()?;
     let keeping = Options { keep_features: true, ..Options::default() };
@@ -67,7 +76,9 @@ pub fn run(args: &SkipArgs) -> stress::Result<()> {
         let report = denoiser.denoise(frame, PlaneMut::f32(&mut output, rgb))?;
         Ok((clock.elapsed().as_secs_f64(), report.work))
     };
-    denoise(&mut denoisers[1], &frame)?;
+    if wanted(unchanged) {
+        denoise(&mut denoisers[1], &frame)?;
+    }
     // The first round compiles.
     for round in 0..=args.repeat {
         for case in &mut cases {

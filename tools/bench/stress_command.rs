@@ -84,7 +84,7 @@ fn measure(matrix: &mut Matrix, name: &str, subject: &mut Subject, cases: &[Case
     progress.set_style(indicatif::ProgressStyle::with_template("{prefix} {wide_bar} {pos}/{len} {msg}")?);
     for case in cases {
         progress.set_message(case.name);
-        for measured in (case.run)(subject, effort)? {
+        for measured in case.measure(subject, effort)? {
             matrix.add(case.name, measured);
         }
         progress.inc(1);

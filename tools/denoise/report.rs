@@ -57,6 +57,7 @@ struct Layers {
 struct PartRecord {
     stage: String,
     tile_pixels: u32,
+    sampled: bool,
     share: f64,
 }
 
@@ -115,6 +116,7 @@ impl Outcome<'_> {
                 let record = |(at, (part, _)): (usize, &(Part, u32))| PartRecord {
                     stage: part.stage.to_string(),
                     tile_pixels: part.tile_pixels,
+                    sampled: part.sampled,
                     share: active.share(at),
                 };
                 active.parts.iter().enumerate().map(record).collect()

@@ -200,8 +200,12 @@ pub fn network(session: &Session, name: &str, subject: &Subject, output: &Output
         }
         println!("\nactive tiles:");
         for (at, (part, count)) in active.parts.iter().enumerate() {
-            let Part { stage, tile_pixels, tiles } = part;
-            println!("  {stage:10} {tile_pixels:4} pixels {:6.1} %  {count} of {tiles}", 100.0 * active.share(at));
+            let Part { stage, tile_pixels, tiles, sampled } = part;
+            let with = if *sampled { ", with a sample of what is quiet" } else { "" };
+            println!(
+                "  {stage:10} {tile_pixels:4} pixels {:6.1} %  {count} of {tiles}{with}",
+                100.0 * active.share(at)
+            );
         }
     }
     print!("whole pass {median:.2} ms (min {min:.2}, spread {spread:.2})");
@@ -229,8 +233,8 @@ pub fn network(session: &Session, name: &str, subject: &Subject, output: &Output
 
 fn quiet_json(measured: &Measured, active: &ActiveTiles, extent: Extent) -> serde_json::Value {
     let part = |(at, (part, count)): (usize, &(Part, u32))| {
-        let Part { stage, tile_pixels, tiles } = part;
-        json!({ "stage": stage.to_string(), "tile_pixels": tile_pixels, "active": count, "tiles": tiles, "share": active.share(at) })
+        let Part { stage, tile_pixels, tiles, sampled } = part;
+        json!({ "stage": stage.to_string(), "sampled": sampled, "tile_pixels": tile_pixels, "active": count, "tiles": tiles, "share": active.share(at) })
     };
     let (all, all_cpu) = measured.all.map_or((None, None), |(all, cpu)| (Some(all), cpu));
     json!({

@@ -69,7 +69,7 @@ impl Pair {
         };
         let [albedo, normal, depth] = [features.albedo, features.normal, features.depth].map(samples);
         let (clean, color) = (reference.color().to_vec(), noisy.color().to_vec());
-        Ok(Scene { extent: a, clean, color, albedo, normal, depth })
+        Ok(Scene { extent: a, clean, color, albedo, normal, depth, samples: None })
     }
 }
 

@@ -130,6 +130,7 @@ fn upper_left(scene: &Scene, side: u32) -> Scene {
         albedo: part(&scene.albedo, 3),
         normal: part(&scene.normal, 3),
         depth: part(&scene.depth, 1),
+        samples: part(&scene.samples, 1),
     }
 }
 

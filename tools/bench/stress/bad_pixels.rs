@@ -27,6 +27,11 @@ pub const CASES: Cases = &[
     ("all pixels bad in all planes", |s, e| many(s, e, &Target::ALL, 1.0)),
 ];
 
+/// Whether a case leaves no square without a bad pixel.
+pub fn spoils_every_square(case: &str) -> bool {
+    ["all pixels bad in colour", "all pixels bad in all planes"].contains(&case)
+}
+
 /// Values that a broken renderer writes. The largest denormal and the smallest; 1e4 is odd for a feature only.
 const VALUES: [f32; 11] = [
     f32::NAN,

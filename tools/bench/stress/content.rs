@@ -55,16 +55,28 @@ fn sky(scene: &mut Scene) {
 /// A frame that is padded to one step of the network's grid.
 const EXTENT: Extent = Extent::new(61, 47);
 
+/// The frame of tiers that leave quiet squares out: of tiles of every part of the network some are left out.
+const LARGE: Extent = Extent::new(256, 256);
+
 fn content(subject: &mut Subject, effort: Effort, change: fn(&mut Scene)) -> Result<Vec<Measured>> {
-    let mut scene = Scene::new(EXTENT, 7);
+    let leaves_out = subject.as_engine().is_some_and(|engine| engine.tier.quiet.is_some());
+    let mut scene = Scene::new(if leaves_out { LARGE } else { EXTENT }, 7);
     change(&mut scene);
     let mut sound = sound();
     sound.take(bad_samples(&subject.denoise(&scene)?), "");
     let mut figures = vec![sound];
+    if let Some(engine) = subject.as_engine()
+        && let Some(mut figure) = engine.against_whole(&scene)?
+    {
+        // What lies on the one side reaches as far as what lies on the other.
+        let other = scene.with_the_other_half_converged();
+        engine.against_whole(&other)?.iter().for_each(|other| figure.take(other.value, "the other half"));
+        figures.push(figure);
+    }
     // The reference takes its time; colour at its ends is where it can differ most.
     let wanted = effort == Effort::Everything || scene.color != Scene::new(EXTENT, 7).color;
     // Quiet squares keep their input, which is not what the network makes of them.
-    if let Some(engine) = subject.as_engine().filter(|engine| wanted && engine.tier.quiet.is_none()) {
+    if let Some(engine) = subject.as_engine().filter(|_| wanted && !leaves_out) {
         figures.push(to_reference(engine, &scene)?);
     }
     Ok(figures)

@@ -8,6 +8,7 @@
 
 pub mod bad_pixels;
 pub mod content;
+pub mod left_out;
 pub mod light;
 pub mod moves;
 #[path = "../../../tests/common/random.rs"]
@@ -143,6 +144,18 @@ pub fn cases() -> Vec<Case> {
         .flatten()
         .map(|&(name, run)| Case { name, run })
         .collect()
+}
+
+impl Case {
+    /// Measures a subject; of a tier that leaves quiet squares out, also what it left out.
+    ///
+    /// # Errors
+    /// As [`Subject::denoise`].
+    pub fn measure(&self, subject: &mut Subject, effort: Effort) -> Result<Vec<Measured>> {
+        let mut figures = (self.run)(subject, effort)?;
+        figures.extend(subject.take_left_out().figures(!bad_pixels::spoils_every_square(self.name)));
+        Ok(figures)
+    }
 }
 
 /// A list of named cases.

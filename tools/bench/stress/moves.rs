@@ -54,6 +54,8 @@ pub struct FarMoves {
     /// Tiers with halves: the same of 32-bit floats, and what is shown of a move.
     halves: Option<(Vec<f32>, Measured)>,
     moved: Measured,
+    /// Tiers that leave quiet squares out: how the undisturbed frame's others differ from the whole frame's pass.
+    whole: Option<Measured>,
 }
 
 impl FarMoves {
@@ -71,10 +73,16 @@ impl FarMoves {
             (Exactness::Half, Unit::Key) => ("far pixels move, of 1 % of the key and twice the tier's own error", 1.0),
         };
         let shown = Measured::new("far pixels, tone-mapped dB to the undisturbed", Bound::AtLeast(FAR_DB));
+        let clean = subject.denoise_undisturbed(scene)?;
+        let whole = match subject.as_engine() {
+            Some(engine) => engine.against_whole(scene)?,
+            None => None,
+        };
         Ok(Self {
             unit,
             key: scene.key()?,
-            clean: subject.denoise_undisturbed(scene)?,
+            clean,
+            whole,
             halves: subject.in_single(scene)?.map(|single| (single, shown)),
             moved: Measured::new(what, Bound::AtMost(bound)),
         })
@@ -113,7 +121,7 @@ impl FarMoves {
 
     /// What was found.
     pub fn figures(self) -> impl Iterator<Item = Measured> {
-        std::iter::once(self.moved).chain(self.halves.map(|(_, shown)| shown))
+        std::iter::once(self.moved).chain(self.halves.map(|(_, shown)| shown)).chain(self.whole)
     }
 }
 

@@ -1,18 +1,22 @@
 //! A small procedural render: some balls before a tiled wall, noisy as four samples a pixel are, with its clean picture,
-//! albedo, normal and depth.
+//! albedo, normal and depth, and sample counts that call half of it converged.
 
 use super::Result;
 use super::random::Random;
+use vkdenoise::kernels::quiet::MAP_TILE;
 use vkdenoise::kernels::stats::{
     Clear, Counted, HISTOGRAM_BYTES, Histogram, KEY, Key, STATS_FLOATS, Select, TileMeans,
 };
 use vkdenoise::kernels::{BufferId, Call, Storage};
 use vkdenoise::plan::{Buffer, Place};
 use vkdenoise::reference::Reference;
-use vkdenoise::{Extent, Features, Frame, Layout, Plane, Weights};
+use vkdenoise::{Extent, Features, Frame, Layout, Noise, NoiseKind, Plane, Weights};
 
 /// Samples per pixel of the noise.
 const SAMPLES: u32 = 4;
+
+/// Samples of a pixel that counts as converged.
+pub const CONVERGED: f32 = 4096.0;
 
 /// A frame's planes, interleaved.
 #[derive(Clone, Debug, PartialEq)]
@@ -29,6 +33,8 @@ pub struct Scene {
     pub normal: Option<Vec<f32>>,
     /// Depth in metres.
     pub depth: Option<Vec<f32>>,
+    /// Samples of every pixel, for tiers that leave out what is converged.
+    pub samples: Option<Vec<f32>>,
 }
 
 /// What a ray meets: albedo, normal, depth.
@@ -59,12 +65,20 @@ impl Scene {
                 depth.push(distance);
             }
         }
-        Self { extent, clean, color, albedo: Some(albedo), normal: Some(normal), depth: Some(depth) }
+        let samples = Some(half_converged(extent));
+        Self { extent, clean, color, albedo: Some(albedo), normal: Some(normal), depth: Some(depth), samples }
     }
 
     /// The same planes with another colour.
     pub fn with_color(&self, color: Vec<f32>) -> Self {
         Self { color, ..self.clone() }
+    }
+
+    /// The same planes with sample counts that call the other half converged.
+    pub fn with_the_other_half_converged(&self) -> Self {
+        let other = |count: &f32| if *count < CONVERGED { CONVERGED } else { SAMPLES as f32 };
+        let samples = self.samples.as_ref().map(|samples| samples.iter().map(other).collect());
+        Self { samples, ..self.clone() }
     }
 
     /// Index of the first sample of a pixel in a plane of three channels.
@@ -87,7 +101,10 @@ impl Scene {
                 albedo: self.albedo.as_deref().map(|samples| Plane::f32(samples, rgb)),
                 normal: self.normal.as_deref().map(|samples| Plane::f32(samples, rgb)),
                 depth: self.depth.as_deref().map(|samples| Plane::f32(samples, Layout::interleaved(self.extent, 1))),
-                noise: None,
+                noise: self.samples.as_deref().map(|samples| Noise {
+                    plane: Plane::f32(samples, Layout::interleaved(self.extent, 1)),
+                    kind: NoiseKind::Samples,
+                }),
             },
         }
     }
@@ -118,6 +135,14 @@ impl Scene {
         }
         Ok(reference.buffer(stats)[KEY])
     }
+}
+
+/// The farther half of the squares along the longer side converged, whatever the picture says; what has one square not.
+fn half_converged(extent: Extent) -> Vec<f32> {
+    let Extent { width, height } = extent;
+    let noisy = width.max(height).div_ceil(MAP_TILE).div_ceil(2) * MAP_TILE;
+    let along = |pixel: u32| if width >= height { pixel % width } else { pixel / width };
+    (0..width * height).map(|pixel| if along(pixel) < noisy { SAMPLES as f32 } else { CONVERGED }).collect()
 }
 
 /// The nearest surface at a place in the unit square.

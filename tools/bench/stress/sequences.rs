@@ -51,6 +51,7 @@ fn sequence(subject: &mut Subject, effort: Effort) -> Result<Vec<Measured>> {
             let mut output = vec![f32::NAN; scene.color.len()];
             let rgb = Layout::interleaved(scene.extent, 3);
             denoiser.denoise(&scene.frame(), PlaneMut::f32(&mut output, rgb))?;
+            engine.left_out.take(&scene, denoiser)?;
             let bits: Vec<u32> = output.iter().map(|v| v.to_bits()).collect();
             // The same on both devices.
             let first = outputs.entry((call, blend.to_bits())).or_insert_with(|| bits.clone());

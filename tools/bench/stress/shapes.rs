@@ -4,7 +4,7 @@ use super::scene::Scene;
 use super::subject::Subject;
 use super::{Bound, Cases, Effort, Measured, Result, bad_samples, sound};
 use half::f16;
-use vkdenoise::{Extent, Features, Frame, Layout, Plane, PlaneMut};
+use vkdenoise::{Extent, Features, Frame, Layout, Noise, NoiseKind, Plane, PlaneMut};
 
 /// What this module measures.
 pub const CASES: Cases = &[("sizes from 1x1 to 4096x1, primes", sizes), ("odd strides and offsets", strides)];
@@ -83,6 +83,7 @@ fn strides(subject: &mut Subject, effort: Effort) -> Result<Vec<Measured>> {
         let rgb = Layout::interleaved(extent, 3);
         let mut packed = vec![0.0; scene.color.len()];
         engine.denoiser.denoise(&scene.frame(), PlaneMut::f32(&mut packed, rgb))?;
+        engine.left_out.take(&scene, &engine.denoiser)?;
 
         let (three, one) = (gapped(extent, 3, 7 + gap, gap), gapped(extent, 1, gap, gap));
         let plane = |values: &Option<Vec<f32>>, channels, place| {
@@ -93,6 +94,7 @@ fn strides(subject: &mut Subject, effort: Effort) -> Result<Vec<Measured>> {
             plane(&scene.albedo, 3, three),
             plane(&scene.normal, 3, three),
             plane(&scene.depth, 1, one),
+            plane(&scene.samples, 1, one),
         ];
         let halves = planes.clone().map(|plane| plane.into_iter().map(f16::from_f32).collect::<Vec<_>>());
         let view = |i: usize, layout| match half {
@@ -103,7 +105,7 @@ fn strides(subject: &mut Subject, effort: Effort) -> Result<Vec<Measured>> {
             albedo: Some(view(1, three.0)),
             normal: Some(view(2, three.0)),
             depth: Some(view(3, one.0)),
-            noise: None,
+            noise: Some(Noise { plane: view(4, one.0), kind: NoiseKind::Samples }),
         };
         let frame = Frame { extent, color: view(0, three.0), features };
         let mut output = vec![SENTINEL; three.1];

@@ -1,7 +1,8 @@
 //! What is put under stress: a tier of the engine, or a peer that another process runs.
 
-use super::Result;
+use super::left_out::{LeftOut, against_whole};
 use super::scene::Scene;
+use super::{Measured, Result};
 use std::collections::BTreeMap;
 use std::io::{Read, Write};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
@@ -38,7 +39,7 @@ pub struct Tier {
     pub quiet: Option<QuietMode>,
 }
 
-/// Relative noise up to which tiers that leave quiet squares out do so.
+/// Relative noise up to which tiers that leave quiet squares out do so: that of [`super::scene::CONVERGED`] samples, and a little.
 const QUIET_THRESHOLD: f32 = 0.02;
 
 impl Tier {
@@ -137,6 +138,38 @@ pub struct Engine {
     pub weights: Weights,
     /// The denoiser, with the tier's default options.
     pub denoiser: Denoiser,
+    /// What the calls since the last [`Subject::take_left_out`] left out.
+    pub left_out: LeftOut,
+    /// The same tier that leaves nothing out, once it is asked for.
+    whole: Option<Denoiser>,
+}
+
+impl Engine {
+    /// Denoises a scene.
+    fn denoise(&mut self, scene: &Scene) -> Result<Vec<f32>> {
+        let mut output = vec![f32::NAN; scene.color.len()];
+        let rgb = Layout::interleaved(scene.extent, 3);
+        self.denoiser.denoise(&scene.frame(), PlaneMut::f32(&mut output, rgb))?;
+        self.left_out.take(scene, &self.denoiser)?;
+        Ok(output)
+    }
+
+    /// How what it denoises of a scene differs from the whole frame's pass; `None` for a tier that leaves nothing out.
+    ///
+    /// # Errors
+    /// As [`Denoiser::denoise`].
+    pub fn against_whole(&mut self, scene: &Scene) -> Result<Option<Measured>> {
+        let Some(mode) = self.tier.quiet else { return Ok(None) };
+        let output = self.denoise(scene)?;
+        let whole = match &mut self.whole {
+            Some(whole) => whole,
+            none => {
+                let tier = Tier { quiet: None, ..self.tier };
+                none.insert(tier.denoiser(&self.device, &self.weights, &Options::default())?)
+            }
+        };
+        against_whole(scene, &output, (&self.denoiser, mode), whole).map(Some)
+    }
 }
 
 impl Subject {
@@ -146,7 +179,8 @@ impl Subject {
     /// As [`Denoiser::new`].
     pub fn engine(device: &Device, weights: &Weights, tier: Tier) -> Result<Self> {
         let denoiser = tier.denoiser(device, weights, &Options::default())?;
-        let engine = Engine { tier, device: device.clone(), weights: weights.clone(), denoiser };
+        let (device, weights) = (device.clone(), weights.clone());
+        let engine = Engine { tier, device, weights, denoiser, left_out: LeftOut::default(), whole: None };
         Ok(Self { kind: Kind::Engine(Box::new(engine)), undisturbed: None, single: None })
     }
 
@@ -161,12 +195,7 @@ impl Subject {
     /// As [`Denoiser::denoise`]; a peer's broken pipe.
     pub fn denoise(&mut self, scene: &Scene) -> Result<Vec<f32>> {
         match &mut self.kind {
-            Kind::Engine(engine) => {
-                let mut output = vec![f32::NAN; scene.color.len()];
-                let rgb = Layout::interleaved(scene.extent, 3);
-                engine.denoiser.denoise(&scene.frame(), PlaneMut::f32(&mut output, rgb))?;
-                Ok(output)
-            }
+            Kind::Engine(engine) => engine.denoise(scene),
             Kind::Peer(peer) => Ok(peer.denoise(scene)?.0),
         }
     }
@@ -200,6 +229,11 @@ impl Subject {
         let output = Self::engine(&engine.device, &engine.weights, tier)?.denoise(scene)?;
         self.single = Some((scene.clone(), output.clone()));
         Ok(Some(output))
+    }
+
+    /// What the calls since the last time left out.
+    pub fn take_left_out(&mut self) -> LeftOut {
+        self.as_engine().map_or_else(LeftOut::default, |engine| std::mem::take(&mut engine.left_out))
     }
 
     /// The engine, where it is one.
