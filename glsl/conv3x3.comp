@@ -68,7 +68,7 @@ void main() {
             from[p] = inside[p] ? uint(at.y * int(src_width) + at.x) * src_stride : 0u;
         }
         for (uint k = 0u; k < src_channels; ++k) {
-            [[unroll]] for (int p = 0; p < PIXELS; ++p) row[p] = inside[p] ? LOAD(src, from[p] + k) : vec4(0.0);
+            [[unroll]] for (int p = 0; p < PIXELS; ++p) row[p] = LOAD_WHERE(inside[p], src, from[p] + k);
 #define TAP_PIXEL(p) row[p]
             MULTIPLY_ADD(weights, weight_base + (tap * src_channels + k) * BLOCK, TAP_PIXEL)
         }
@@ -84,7 +84,7 @@ void main() {
                     int sx = corner.x + x;
                     bool inside = row_inside && sx >= 0 && sx < int(src_width);
                     uint index = (row_base + uint(clamp(sx, 0, int(src_width) - 1))) * src_stride + k;
-                    row[y * PATCH_X + x] = inside ? LOAD(src, index) : vec4(0.0);
+                    row[y * PATCH_X + x] = LOAD_WHERE(inside, src, index);
                 }
             }
             [[unroll]] for (int kx = 0; kx < 3; ++kx) {

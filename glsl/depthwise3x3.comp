@@ -34,28 +34,28 @@ void main() {
     uint run = gl_LocalInvocationID.x / 8u;
     ivec2 base = ivec2(origin) + ivec2(run % (8u / TX), run / (8u / TX)) * ivec2(TX, TY);
 
-    vec4 sums[TX * TY];
-    vec4 bias = LOAD_WEIGHTS(weights, channel);
-    [[unroll]] for (int p = 0; p < TX * TY; ++p) sums[p] = bias;
-    vec4 taps[9];
-    [[unroll]] for (int t = 0; t < 9; ++t) taps[t] = LOAD_WEIGHTS(weights, (t + 1) * channels + channel);
-
-    [[unroll]] for (int y = -1; y <= TY; ++y) {
-        int sy = base.y + y;
+    // All loads first, then one channel after another: a CPU driver saves all registers at every load, and has few.
+    vec4 patch_rows[(TX + 2) * (TY + 2)];
+    [[unroll]] for (int y = 0; y < TY + 2; ++y) {
+        int sy = base.y + y - 1;
         bool row_inside = sy >= 0 && sy < int(height);
         uint row_base = uint(clamp(sy, 0, int(height) - 1)) * width;
-        [[unroll]] for (int x = -1; x <= TX; ++x) {
-            int sx = base.x + x;
+        [[unroll]] for (int x = 0; x < TX + 2; ++x) {
+            int sx = base.x + x - 1;
             bool inside = row_inside && sx >= 0 && sx < int(width);
             uint index = (row_base + uint(clamp(sx, 0, int(width) - 1))) * src_stride + channel;
-            vec4 value = inside ? LOAD(src, index) : vec4(0.0);
-            [[unroll]] for (int ky = 0; ky < 3; ++ky) {
-                [[unroll]] for (int kx = 0; kx < 3; ++kx) {
-                    int py = y + 1 - ky;
-                    int px = x + 1 - kx;
-                    if (py >= 0 && py < TY && px >= 0 && px < TX) sums[py * TX + px] += taps[ky * 3 + kx] * value;
-                }
-            }
+            patch_rows[y * (TX + 2) + x] = LOAD_WHERE(inside, src, index);
+        }
+    }
+    vec4 taps[9];
+    [[unroll]] for (int t = 0; t < 9; ++t) taps[t] = LOAD_WEIGHTS(weights, (t + 1) * channels + channel);
+    vec4 bias = LOAD_WEIGHTS(weights, channel);
+    vec4 sums[TX * TY];
+    [[unroll]] for (int c = 0; c < 4; ++c) {
+        [[unroll]] for (int p = 0; p < TX * TY; ++p) {
+            float sum = bias[c];
+            [[unroll]] for (int t = 0; t < 9; ++t) sum += taps[t][c] * patch_rows[(p / TX + t / 3) * (TX + 2) + p % TX + t % 3][c];
+            sums[p][c] = sum;
         }
     }
     [[unroll]] for (int p = 0; p < TX * TY; ++p) {

@@ -3,6 +3,7 @@
 #version 460
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"
+#include "shared/norm.glsl"
 TEXELS_OF(0, src)
 TEXELS_OF(1, weights)
 
@@ -23,8 +24,6 @@ layout(push_constant) uniform Push {
     uint unused;
 };
 
-const float EPSILON = 1e-5;
-
 void main() {
     uint slot = group_index();
     if (slot >= tiles_of(tile_count, flags, tiles)) return;
@@ -33,17 +32,15 @@ void main() {
     uint pixel = at.y * width + at.x;
     uint from = pixel * src_stride;
 
-    float inverse = 1.0 / float(4u * channels);
     vec4 sum = vec4(0.0);
     for (uint c = 0u; c < channels; ++c) sum += LOAD(src, from + c);
-    float mean = (sum.x + sum.y + sum.z + sum.w) * inverse;
+    float mean = mean_of(sum, channels);
     vec4 squares = vec4(0.0);
     for (uint c = 0u; c < channels; ++c) {
         vec4 d = LOAD(src, from + c) - mean;
         squares += d * d;
     }
-    float variance = (squares.x + squares.y + squares.z + squares.w) * inverse;
-    float scale = 1.0 / sqrt(variance + EPSILON);
+    float scale = scale_of(squares, channels);
     for (uint c = 0u; c < channels; ++c) {
         vec4 value = (LOAD(src, from + c) - mean) * scale;
         STORE(dst, pixel * dst_stride + c, value * LOAD_WEIGHTS(weights, c) + LOAD_WEIGHTS(weights, channels + c));

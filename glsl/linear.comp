@@ -1,4 +1,6 @@
 // Pointwise (1x1) convolution of one or two concatenated maps: act(film(W [a|b] + bias) + residual).
+//
+// NORM: every token of the one map is brought to mean 0 and variance 1 over its channels first; gain and bias are in the weights.
 #version 460
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"
@@ -40,6 +42,27 @@ const uint LANES = 64 / PIXELS;
 
 vec4 activations[PIXELS];
 
+#ifdef NORM
+#include "shared/norm.glsl"
+float means[PIXELS];
+float scales[PIXELS];
+
+void find_norm(int p, uint from) {
+    vec4 sum = vec4(0.0);
+    for (uint k = 0u; k < src_channels; ++k) sum += LOAD(src, from + k);
+    means[p] = mean_of(sum, src_channels);
+    vec4 squares = vec4(0.0);
+    for (uint k = 0u; k < src_channels; ++k) {
+        vec4 d = LOAD(src, from + k) - means[p];
+        squares += d * d;
+    }
+    scales[p] = scale_of(squares, src_channels);
+}
+#define NORMED(p) ((activations[p] - means[p]) * scales[p])
+#else
+#define NORMED(p) activations[p]
+#endif
+
 void main() {
     uint slot = group_index() * (64u / LANES) + gl_LocalInvocationID.x / LANES;
     uint count = tiles_of(tile_count, flags, tiles);
@@ -54,7 +77,10 @@ void main() {
     uint block_base = bias_vectors + tile_n * (src_channels + src_b_channels) * BLOCK;
     uint pixels[PIXELS];
     [[unroll]] for (int p = 0; p < PIXELS; ++p) pixels[p] = (base.y + p / TX) * width + base.x + p % TX;
-#define ACTIVATION(p) activations[p]
+#ifdef NORM
+    [[unroll]] for (int p = 0; p < PIXELS; ++p) find_norm(p, pixels[p] * src_stride);
+#endif
+#define ACTIVATION(p) NORMED(p)
 #define ADD_SOURCE(source) \
     for (uint k = 0u; k < source##_channels; ++k) { \
         [[unroll]] for (int p = 0; p < PIXELS; ++p) activations[p] = LOAD(source, pixels[p] * source##_stride + k); \

@@ -68,7 +68,7 @@ void main() {
                 int sx = base.x + x;
                 bool inside = row_inside && sx >= 0 && sx < int(width);
                 uint index = (row_base + uint(clamp(sx, 0, int(width) - 1))) * src_stride + k;
-                vec4 value = inside ? LOAD(src, index) : vec4(0.0);
+                vec4 value = LOAD_WHERE(inside, src, index);
                 [[unroll]] for (int ky = 0; ky < 3; ++ky) {
                     [[unroll]] for (int kx = 0; kx < 3; ++kx) {
                         int py = y + 1 - ky;

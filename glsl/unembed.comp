@@ -84,7 +84,7 @@ void main() {
                     int sx = base.x + x - 2;
                     bool inside = row_inside && sx >= 0 && sx < int(width);
                     uint index = (row_base + uint(clamp(sx, 0, int(width) - 1))) * src_stride + k;
-                    row[x] = inside ? LOAD(src, index) : vec4(0.0);
+                    row[x] = LOAD_WHERE(inside, src, index);
                 }
                 uint block_base = weight_base + (y * channels + k) * BLOCK;
                 FETCH_WEIGHTS(block_base)

@@ -126,7 +126,7 @@ void main() {
                 int sx = base.x + x - 1;
                 bool inside = row_inside && sx >= 0 && sx < int(src_width);
                 uint index = (row_base + uint(clamp(sx, 0, int(src_width) - 1))) * src_stride + k;
-                inputs[y * COLUMNS + x] = inside ? LOAD(src, index) : vec4(0.0);
+                inputs[y * COLUMNS + x] = LOAD_WHERE(inside, src, index);
             }
         }
         [[unroll]] for (int x = 0; x < COLUMNS; ++x) {

@@ -44,7 +44,7 @@ impl Engine {
         let forms = Forms::of(device, wants_matrices(device, options.precision)?);
         let plan_options = PlanOptions {
             max_block_bytes: Self::max_block_bytes(device),
-            folds: options.folds.unwrap_or(Folds::ALL),
+            folds: options.folds.unwrap_or(forms.folds),
             conv: options.conv.unwrap_or(forms.conv),
             conv_table,
             separable: options.separable.unwrap_or(forms.separable),
@@ -113,17 +113,20 @@ impl Engine {
 struct Forms {
     conv: ConvAlgorithm,
     separable: SeparableForm,
+    folds: Folds,
 }
 
 impl Forms {
     fn of(device: &Device, matrix: bool) -> Self {
         if matrix || !prefers_cpu_kernels(device) {
-            return Self { conv: ConvAlgorithm::Direct, separable: SeparableForm::TwoKernels };
+            // No kernel of a GPU holds all channels of a token, and a norm would be found anew for every 32 outputs.
+            let folds = Folds { norm: false, ..Folds::ALL };
+            return Self { conv: ConvAlgorithm::Direct, separable: SeparableForm::TwoKernels, folds };
         }
         // On lavapipe of Mesa 22.3 Winograd's filtering is faster in every convolution of the network, on that of 25.0 in none.
         let old = device.caps().lavapipe.is_some_and(|mesa| mesa < 23);
         let conv = if old { ConvAlgorithm::Winograd(WinogradTile::F2) } else { ConvAlgorithm::Direct };
-        Self { conv, separable: SeparableForm::Narrow }
+        Self { conv, separable: SeparableForm::Narrow, folds: Folds::ALL }
     }
 }
 

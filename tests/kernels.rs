@@ -202,8 +202,15 @@ fn separable3x3() {
                 let pointwise = Linear {
                     src: between,
                     src_b: None,
+                    norm: false,
                     dst,
-                    weights: cases.pack(Pack::Linear(LinearWeight { parts, inputs, columns: 0..inputs, bias: true })),
+                    weights: cases.pack(Pack::Linear(LinearWeight {
+                        parts,
+                        inputs,
+                        columns: 0..inputs,
+                        bias: true,
+                        norm: None,
+                    })),
                     film: film(&mut cases, outputs),
                     residual: cases.random.coin().then(|| cases.map(size, outputs, 1.0)),
                     activation: cases.random.pick(&ACTIVATIONS),
@@ -216,16 +223,35 @@ fn separable3x3() {
     }
 }
 
+/// Channels of both inputs and whether they are normed, of the Linears that hold their inputs on CPU drivers.
+const HELD_INPUTS: [(u32, u32, bool); 13] = [
+    (8, 0, false),
+    (16, 0, false),
+    (16, 0, true),
+    (32, 0, false),
+    (32, 0, true),
+    (64, 0, false),
+    (64, 0, true),
+    (16, 48, false),
+    (60, 4, false),
+    (128, 0, false),
+    (128, 0, true),
+    (32, 96, false),
+    (64, 64, false),
+];
+
 #[test]
 fn linear() {
     for (storage, limit) in STORAGES {
         let mut cases = dense_cases(4);
         cases.storage = storage;
-        for _ in 0..40 {
+        for case in 0..50 {
             let size = size(&mut cases, 8);
-            let first: u32 = cases.random.pick(&[4, 7, 8, 12, 32, 36, 64]);
+            let first: u32 = cases.random.pick(&[4, 7, 8, 12, 32, 36, 64, 256]);
             // A second input follows the first's own channels, which then are a multiple of four.
             let second = cases.random.pick(&[0, 0, 4, 12, 32, 64]) * u32::from(first.is_multiple_of(4));
+            let normed = second == 0 && first.is_multiple_of(4) && cases.random.coin();
+            let (first, second, normed) = HELD_INPUTS.get(case).copied().unwrap_or((first, second, normed));
             let mut parts = vec![];
             let names = [vec!["q"], vec!["q", "k"], vec!["q", "k", "v"], vec!["v"]];
             let chosen = cases.random.integer(0, 3) as usize;
@@ -234,14 +260,16 @@ fn linear() {
                 parts.push(LinearPart { prefix: format!("bottleneck.0.{name}"), outputs });
             }
             let outputs = parts.iter().map(|part| part.outputs).sum();
-            let column = cases.random.pick(&[0, 0, 3, 40]);
+            let column = if normed { 0 } else { cases.random.pick(&[0, 0, 3, 40]) };
             let columns = column..column + first + second;
             let inputs = columns.end + cases.random.pick(&[0, 0, 5]);
-            let weight = LinearWeight { parts, inputs, columns, bias: cases.random.coin() };
+            let norm = normed.then(|| "bottleneck.0.norm2".to_owned());
+            let weight = LinearWeight { parts, inputs, columns, bias: cases.random.coin(), norm };
             let (src, dst) = (cases.map(size, first, 3.0), cases.target(size, outputs));
             let call = Linear {
                 src,
                 src_b: (second > 0).then(|| cases.map(size, second, 3.0)),
+                norm: normed,
                 dst,
                 weights: cases.pack(Pack::Linear(weight)),
                 film: film(&mut cases, outputs),
@@ -333,7 +361,19 @@ fn window_attention() {
     for (storage, limit) in STORAGES {
         let mut cases = dense_cases(7);
         cases.storage = storage;
-        let forms = [(1, 4, 8), (1, 8, 16), (1, 32, 64), (2, 16, 16), (4, 32, 32), (8, 8, 12), (1, 64, 64), (3, 12, 4)];
+        let forms = [
+            (1, 4, 8),
+            (1, 8, 16),
+            (2, 8, 16),
+            (1, 16, 32),
+            (3, 16, 32),
+            (1, 32, 64),
+            (2, 16, 16),
+            (4, 32, 32),
+            (8, 8, 12),
+            (1, 64, 64),
+            (3, 12, 4),
+        ];
         for form in forms.repeat(2) {
             add_attention(&mut cases, form, 1.8);
         }

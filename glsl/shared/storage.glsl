@@ -65,6 +65,8 @@ layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer We
 #define LOAD(source, index) widen(source.v[index])
 #define LOAD_WEIGHTS(weights, index) weights.v[index]
 #endif
+// A load that may be made in any case, zeros where it does not count. No branch: on CPU drivers a branch by lanes costs more than the load.
+#define LOAD_WHERE(counts, source, index) mix(vec4(0.0), LOAD(source, index), bvec4(counts))
 layout(buffer_reference, std430, buffer_reference_align = 4) readonly buffer ReadFloats { float v[]; };
 layout(buffer_reference, std430, buffer_reference_align = 4) buffer Floats { float v[]; };
 layout(buffer_reference, std430, buffer_reference_align = 4) buffer Uints { uint v[]; };

@@ -68,7 +68,7 @@ impl Call {
             Self::Separable3x3(k) => separable3x3(k, contract),
             Self::Unembed(k) => unembed(k, contract),
             Self::LayerNorm(k) => layer_norm(k),
-            Self::WindowAttention(k) => window_attention(k),
+            Self::WindowAttention(k) => window_attention(k, contract),
             Self::Expand(k) => expand(k),
             Self::TokenSum(k) => token_sum(k),
             Self::FilmVector(k) => film_vector(k),
@@ -163,10 +163,19 @@ fn separable3x3(call: &Separable3x3, contract: &Contract) -> Accesses {
 }
 
 fn linear(call: &Linear, contract: &Contract) -> Accesses {
-    let block = Block::of(contract);
-    let inputs = call.src.channels + call.src_b.map_or(0, |b| b.channels);
+    let inputs = u64::from(call.inputs() / 4);
+    let mut block = Block::of(contract);
+    // Inputs are loaded once, or for every block of outputs anew, and once for the mean and once for the deviation.
+    let (tokens, weights) = match contract.has("INPUTS") {
+        true => {
+            block.vectors = u64::from(call.dst.channels / 4);
+            (1, block.vectors * inputs.div_ceil(2))
+        }
+        false => (1 + 2 * u64::from(call.norm), inputs * block.weight_loads(contract)),
+    };
     let loads = block.vectors
-        + u64::from(inputs / 4) * (block.x * block.y + block.weight_loads(contract))
+        + inputs * tokens * block.x * block.y
+        + weights
         + block.outputs() * epilogue_loads(call.film.is_some(), call.residual.is_some());
     let tiles = call.tiles.count(call.dst.width, call.dst.height);
     Accesses::each(block.invocations(tiles, call.dst.channels), loads, block.outputs())
@@ -194,9 +203,15 @@ fn layer_norm(call: &LayerNorm) -> Accesses {
     Accesses::each(tokens, 5 * vectors, vectors)
 }
 
-fn window_attention(call: &WindowAttention) -> Accesses {
+fn window_attention(call: &WindowAttention, contract: &Contract) -> Accesses {
     let windows = u64::from(call.tiles.count(call.dst.width, call.dst.height)) * u64::from(call.heads);
     let (keys, values) = (u64::from(call.key_width / 4), u64::from(call.value_width / 4));
+    if contract.has("QUERIES") {
+        // Of every query its own and 64 biases; a lane loads one key in eight.
+        let queries = contract.define("QUERIES");
+        let loads = queries * (2 * keys + 64) + 8 * (2 * keys + values);
+        return Accesses::each(windows * 64 / queries, loads, queries * values);
+    }
     // 256 invocations make 4x4 scores each, 64 go over a row three times, 16 tasks for each vector of values.
     let (scores, rows, tasks) = (256, 64, 16 * values);
     Accesses {

@@ -152,6 +152,41 @@ contracts! {
         /// The same for CPU drivers.
         LINEAR_CPU = "linear_cpu" "linear.comp" LinearPush
             { "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_SHARED": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES;
+        /// Pointwise convolution of normed tokens.
+        LINEAR_NORM = "linear_norm" "linear.comp" LinearPush { "TX": "2", "TY": "2", "NV": "8", "NORM": "1" } &[], &[], HALVES;
+        /// Pointwise convolution from 8 channels, held, for CPU drivers.
+        LINEAR_K8_CPU = "linear_k8_cpu" "linear_stationary.comp" LinearPush
+            { "TX": "4", "TY": "2", "INPUTS": "2", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES;
+        /// Pointwise convolution from 16 channels, held, for CPU drivers.
+        LINEAR_K16_CPU = "linear_k16_cpu" "linear_stationary.comp" LinearPush
+            { "TX": "4", "TY": "2", "INPUTS": "4", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES;
+        /// The same of normed tokens.
+        LINEAR_K16_NORM_CPU = "linear_k16_norm_cpu" "linear_stationary.comp" LinearPush
+            { "TX": "4", "TY": "2", "INPUTS": "4", "NORM": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES;
+        /// Pointwise convolution from 32 channels, held, for CPU drivers.
+        LINEAR_K32_CPU = "linear_k32_cpu" "linear_stationary.comp" LinearPush
+            { "TX": "4", "TY": "2", "INPUTS": "8", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES;
+        /// The same of normed tokens.
+        LINEAR_K32_NORM_CPU = "linear_k32_norm_cpu" "linear_stationary.comp" LinearPush
+            { "TX": "4", "TY": "2", "INPUTS": "8", "NORM": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES;
+        /// Pointwise convolution from 64 channels, held, for CPU drivers.
+        LINEAR_K64_CPU = "linear_k64_cpu" "linear_stationary.comp" LinearPush
+            { "TX": "2", "TY": "2", "INPUTS": "16", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES;
+        /// The same of normed tokens.
+        LINEAR_K64_NORM_CPU = "linear_k64_norm_cpu" "linear_stationary.comp" LinearPush
+            { "TX": "2", "TY": "2", "INPUTS": "16", "NORM": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES;
+        /// The same from two maps.
+        LINEAR_K64_TWO_CPU = "linear_k64_two_cpu" "linear_stationary.comp" LinearPush
+            { "TX": "2", "TY": "2", "INPUTS": "16", "TWO_SOURCES": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES;
+        /// Pointwise convolution from 128 channels, held, for CPU drivers.
+        LINEAR_K128_CPU = "linear_k128_cpu" "linear_stationary.comp" LinearPush
+            { "TX": "2", "TY": "1", "INPUTS": "32", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES;
+        /// The same of normed tokens.
+        LINEAR_K128_NORM_CPU = "linear_k128_norm_cpu" "linear_stationary.comp" LinearPush
+            { "TX": "2", "TY": "1", "INPUTS": "32", "NORM": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES;
+        /// The same from two maps.
+        LINEAR_K128_TWO_CPU = "linear_k128_two_cpu" "linear_stationary.comp" LinearPush
+            { "TX": "2", "TY": "1", "INPUTS": "32", "TWO_SOURCES": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES;
         /// Depthwise convolution.
         DEPTHWISE3X3 = "depthwise3x3" "depthwise3x3.comp" Depthwise3x3Push { "TX": "4", "TY": "2" } &[], &[], HALVES;
         /// The same for CPU drivers.
@@ -166,6 +201,15 @@ contracts! {
         /// The same for CPU drivers.
         WINDOW_ATTENTION_CPU = "window_attention_cpu" "window_attention.comp" WindowAttentionPush
             { "TEXELS": "1" } ATTENTION_TEXELS, CPU, CPU_HALVES;
+        /// Joint window attention, 8 channels of keys and 16 of values, for CPU drivers.
+        WINDOW_ATTENTION_V16_CPU = "window_attention_v16_cpu" "window_attention_rows.comp" WindowAttentionPush
+            { "KEYS": "2", "VALUES": "4", "QUERIES": "2", "TEXELS": "1" } ATTENTION_TEXELS, CPU, CPU_HALVES;
+        /// Joint window attention, 16 channels of keys and 32 of values, for CPU drivers.
+        WINDOW_ATTENTION_V32_CPU = "window_attention_v32_cpu" "window_attention_rows.comp" WindowAttentionPush
+            { "KEYS": "4", "VALUES": "8", "QUERIES": "1", "TEXELS": "1" } ATTENTION_TEXELS, CPU, CPU_HALVES;
+        /// Joint window attention, 32 channels of keys and 64 of values, for CPU drivers.
+        WINDOW_ATTENTION_V64_CPU = "window_attention_v64_cpu" "window_attention_rows.comp" WindowAttentionPush
+            { "KEYS": "8", "VALUES": "16", "QUERIES": "1", "TEXELS": "1" } ATTENTION_TEXELS, CPU, CPU_HALVES;
         /// A small map made large.
         EXPAND = "expand" "expand.comp" ExpandPush {} &[], &[], HALVES;
         /// The same for CPU drivers.

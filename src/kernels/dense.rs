@@ -173,13 +173,15 @@ fn matrix_contract(conv: &Conv3x3, variants: Variants) -> Option<&'static Contra
     wide.then_some(if conv.stride == 2 { &contracts::CONV3X3_S2_MATRIX } else { &contracts::CONV3X3_MATRIX })
 }
 
-/// `act(film(W [src | src_b] + bias) + residual)` for every token.
+/// `act(film(W norm([src | src_b]) + bias) + residual)` for every token.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Linear {
     /// First input.
     pub src: View,
-    /// Second input, its channels after the first's.
+    /// Second input, its channels after the first's. Not with [`Linear::norm`].
     pub src_b: Option<View>,
+    /// Whether every token is brought to mean 0 and variance 1 over its channels first (eps 1e-5). Gain and bias are in the weights.
+    pub norm: bool,
     /// Output.
     pub dst: View,
     /// Packed weights ([`crate::plan::pack`]).
@@ -199,26 +201,52 @@ impl Linear {
         self.tiles.flags(self.dst.width) | epilogue_flags(self.activation, self.film, self.residual.as_ref())
     }
 
-    fn inputs(&self) -> u32 {
+    pub(super) fn inputs(&self) -> u32 {
         self.src.channels + self.src_b.map_or(0, |b| b.channels)
+    }
+
+    /// The variant for CPU drivers that holds all inputs, where there is one for so many.
+    fn stationary(&self) -> Option<&'static Contract> {
+        let of = |f32, f16| Some(by_storage(self.dst.storage, f32, f16));
+        match (self.inputs(), self.norm, self.src_b.is_some()) {
+            (8, false, false) => of(&contracts::LINEAR_K8_CPU, &halves::LINEAR_K8_CPU),
+            (16, false, false) => of(&contracts::LINEAR_K16_CPU, &halves::LINEAR_K16_CPU),
+            (16, true, false) => of(&contracts::LINEAR_K16_NORM_CPU, &halves::LINEAR_K16_NORM_CPU),
+            (32, false, false) => of(&contracts::LINEAR_K32_CPU, &halves::LINEAR_K32_CPU),
+            (32, true, false) => of(&contracts::LINEAR_K32_NORM_CPU, &halves::LINEAR_K32_NORM_CPU),
+            (64, false, false) => of(&contracts::LINEAR_K64_CPU, &halves::LINEAR_K64_CPU),
+            (64, true, false) => of(&contracts::LINEAR_K64_NORM_CPU, &halves::LINEAR_K64_NORM_CPU),
+            (64, false, true) => of(&contracts::LINEAR_K64_TWO_CPU, &halves::LINEAR_K64_TWO_CPU),
+            (128, false, false) => of(&contracts::LINEAR_K128_CPU, &halves::LINEAR_K128_CPU),
+            (128, true, false) => of(&contracts::LINEAR_K128_NORM_CPU, &halves::LINEAR_K128_NORM_CPU),
+            (128, false, true) => of(&contracts::LINEAR_K128_TWO_CPU, &halves::LINEAR_K128_TWO_CPU),
+            _ => None,
+        }
     }
 }
 
 impl Kernel for Linear {
     fn contract(&self, variants: Variants) -> &'static Contract {
-        let maps = || [&self.src, &self.dst].into_iter().chain(&self.src_b).chain(&self.residual);
-        match variants {
-            Variants { matrix: true, .. } if fits_matrices(maps()) => &contracts::LINEAR_MATRIX,
-            _ if variants.for_texels(&self.texels()).cpu => {
-                by_storage(self.dst.storage, &contracts::LINEAR_CPU, &halves::LINEAR_CPU)
-            }
-            _ => by_storage(self.dst.storage, &contracts::LINEAR, &halves::LINEAR),
+        let of = |f32, f16| by_storage(self.dst.storage, f32, f16);
+        let maps = [&self.src, &self.dst].into_iter().chain(&self.src_b).chain(&self.residual);
+        let cpu = variants.for_texels(&self.texels()).cpu;
+        if variants.matrix && !self.norm && fits_matrices(maps) {
+            return &contracts::LINEAR_MATRIX;
+        }
+        if let Some(stationary) = self.stationary().filter(|_| cpu) {
+            return stationary;
+        }
+        match (self.norm, cpu) {
+            (true, _) => of(&contracts::LINEAR_NORM, &halves::LINEAR_NORM),
+            (false, true) => of(&contracts::LINEAR_CPU, &halves::LINEAR_CPU),
+            (false, false) => of(&contracts::LINEAR, &halves::LINEAR),
         }
     }
 
     fn groups(&self, variants: Variants) -> [u32; 3] {
-        let tiles = self.tiles.count(self.dst.width, self.dst.height);
-        dense_groups(tiles, self.dst.channels, TILE_CHANNELS, self.contract(variants))
+        let (tiles, contract) = (self.tiles.count(self.dst.width, self.dst.height), self.contract(variants));
+        let channels = if contract.has("INPUTS") { self.dst.channels } else { TILE_CHANNELS };
+        dense_groups(tiles, self.dst.channels, channels, contract)
     }
 
     fn tiles_a_group(&self, variants: Variants) -> u32 {

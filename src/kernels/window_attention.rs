@@ -28,9 +28,13 @@ pub struct WindowAttention {
 
 impl Kernel for WindowAttention {
     fn contract(&self, variants: Variants) -> &'static Contract {
-        match variants.for_texels(&self.texels()).cpu {
-            true => by_storage(self.dst.storage, &contracts::WINDOW_ATTENTION_CPU, &halves::WINDOW_ATTENTION_CPU),
-            false => by_storage(self.dst.storage, &contracts::WINDOW_ATTENTION, &halves::WINDOW_ATTENTION),
+        let of = |f32, f16| by_storage(self.dst.storage, f32, f16);
+        match (variants.for_texels(&self.texels()).cpu, self.key_width, self.value_width) {
+            (true, 8, 16) => of(&contracts::WINDOW_ATTENTION_V16_CPU, &halves::WINDOW_ATTENTION_V16_CPU),
+            (true, 16, 32) => of(&contracts::WINDOW_ATTENTION_V32_CPU, &halves::WINDOW_ATTENTION_V32_CPU),
+            (true, 32, 64) => of(&contracts::WINDOW_ATTENTION_V64_CPU, &halves::WINDOW_ATTENTION_V64_CPU),
+            (true, ..) => of(&contracts::WINDOW_ATTENTION_CPU, &halves::WINDOW_ATTENTION_CPU),
+            (false, ..) => of(&contracts::WINDOW_ATTENTION, &halves::WINDOW_ATTENTION),
         }
     }
 

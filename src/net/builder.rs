@@ -68,7 +68,7 @@ impl Linear {
         let columns = inputs.iter().map(|s| s.channels).sum();
         Linear {
             name: name.into(),
-            weight: LinearWeight { parts, inputs: columns, columns: 0..columns, bias: true },
+            weight: LinearWeight { parts, inputs: columns, columns: 0..columns, bias: true, norm: None },
             inputs,
             activation: Activation::None,
             film: None,

@@ -2,7 +2,7 @@
 //! computed. A folded graph computes the same residual but for rounding; it reads the same tensors, and makes its weights
 //! of them.
 
-use super::graph::{Activation, ConvWeight, Graph, Op, OpKind, Shape, Shuffle, Slice};
+use super::graph::{Activation, ConvWeight, Graph, LinearWeight, Op, OpKind, Shape, Shuffle, Slice};
 use super::weights::{Weights, WeightsError};
 use crate::error::Error;
 use std::borrow::Cow;
@@ -18,19 +18,25 @@ pub struct Folds {
     pub skip: bool,
     /// Channels that nobody reads: most of what the last Down makes of the features, where attention is partial.
     pub unread: bool,
+    /// Layer normalisations into the Linear that alone reads them, of at most [`NORMED_INPUTS`] channels: the normed map is not written
+    /// and read again. It pays where a kernel holds all channels of a token.
+    pub norm: bool,
 }
+
+/// Most input channels of a Linear that takes in the norm before it.
+pub const NORMED_INPUTS: u32 = 128;
 
 impl Folds {
     /// Every operation as the network has it.
-    pub const NONE: Self = Self { unembed: false, skip: false, unread: false };
+    pub const NONE: Self = Self { unembed: false, skip: false, unread: false, norm: false };
     /// All of them.
-    pub const ALL: Self = Self { unembed: true, skip: true, unread: true };
+    pub const ALL: Self = Self { unembed: true, skip: true, unread: true, norm: true };
 }
 
 impl FromStr for Folds {
     type Err = Error;
 
-    /// `all`, `none`, or a list of `unembed`, `skip` and `unread` with commas between.
+    /// `all`, `none`, or a list of `unembed`, `skip`, `unread` and `norm` with commas between.
     fn from_str(text: &str) -> Result<Self, Error> {
         let mut folds = Self::NONE;
         for name in text.split(',') {
@@ -40,8 +46,9 @@ impl FromStr for Folds {
                 "unembed" => folds.unembed = true,
                 "skip" => folds.skip = true,
                 "unread" => folds.unread = true,
+                "norm" => folds.norm = true,
                 other => {
-                    let reason = format!("'{other}'; it can be all, none, or some of unembed, skip and unread");
+                    let reason = format!("'{other}'; it can be all, none, or some of unembed, skip, unread and norm");
                     return Err(Error::InvalidOption { option: "folds", reason });
                 }
             }
@@ -63,6 +70,9 @@ impl Graph {
         }
         if folds.unread {
             graph.drop_unread();
+        }
+        if folds.norm {
+            graph.fold_norms();
         }
         graph
     }
@@ -160,6 +170,30 @@ impl Graph {
         }
     }
 
+    fn fold_norms(&mut self) {
+        while let Some((norm, linear, kind)) = (0..self.ops.len()).find_map(|at| self.normed(at)) {
+            self.ops[linear].kind = kind;
+            self.ops.remove(norm);
+        }
+    }
+
+    /// The position of a layer normalisation, that of the Linear that alone reads its result, and the two in one.
+    fn normed(&self, norm: usize) -> Option<(usize, usize, OpKind)> {
+        let OpKind::LayerNorm { input, norm: prefix, output } = &self.ops[norm].kind else { return None };
+        let normed = self.whole(*output);
+        let at = (norm..self.ops.len()).find(|&at| self.reads(&self.ops[at]).contains(&normed))?;
+        let OpKind::Linear { inputs, weight, .. } = &self.ops[at].kind else { return None };
+        let fits = *inputs == [normed] && self.is_read_once(normed) && input.channels <= NORMED_INPUTS;
+        fits.then(|| {
+            let mut kind = self.ops[at].kind.clone();
+            if let OpKind::Linear { inputs, weight: into, .. } = &mut kind {
+                *inputs = vec![*input];
+                *into = LinearWeight { norm: Some(prefix.clone()), ..weight.clone() };
+            }
+            (norm, at, kind)
+        })
+    }
+
     /// Whether one operation reads a map, all of it, and it is not the result.
     fn is_read_once(&self, map: Slice) -> bool {
         let reads = self.ops.iter().flat_map(|op| self.reads(op)).filter(|slice| slice.value == map.value);
@@ -249,8 +283,11 @@ mod tests {
         assert_eq!(saved(Folds { unembed: true, ..Folds::NONE }), "17.92");
         assert_eq!(saved(Folds { skip: true, ..Folds::NONE }), "1.61");
         assert_eq!(saved(Folds { unread: true, ..Folds::NONE }), "1.81");
+        // A norm costs nothing in this count: all but those of the FiLM blocks' convolutions and the bottleneck's FFNs are gone.
+        let norms = |graph: &Graph| graph.ops.iter().filter(|op| matches!(op.kind, OpKind::LayerNorm { .. })).count();
+        assert_eq!((norms(&graph), norms(&graph.folded(Folds { norm: true, ..Folds::NONE }))), (46, 4));
         assert_eq!(graph.folded(Folds::NONE), graph);
-        assert_eq!("skip,unembed,unread".parse::<Folds>().unwrap(), Folds::ALL);
+        assert_eq!("skip,norm,unembed,unread".parse::<Folds>().unwrap(), Folds::ALL);
         assert_eq!("none".parse::<Folds>().unwrap(), Folds::NONE);
         assert!("skips".parse::<Folds>().is_err_and(|error| error.to_string().contains("'skips'")));
     }

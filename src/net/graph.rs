@@ -91,6 +91,9 @@ pub struct LinearWeight {
     pub columns: Range<u32>,
     /// Whether the parts' `.bias` tensors are added.
     pub bias: bool,
+    /// Tensor prefix of the layer normalisation that is folded into it: the Linear's tokens are brought to mean 0 and variance 1
+    /// first, and its matrix and bias take the norm's gain and bias.
+    pub norm: Option<String>,
 }
 
 /// The weight of a 3x3 convolution, `[out, in, 3, 3]`.
@@ -377,7 +380,8 @@ impl Graph {
             }
             OpKind::Linear { weight, .. } => {
                 let part = |p: &LinearPart| affine(&p.prefix, &[p.outputs, weight.inputs], weight.bias);
-                weight.parts.iter().flat_map(part).collect()
+                let norm = weight.norm.iter().flat_map(|norm| affine(norm, &[weight.columns.len() as u32], true));
+                weight.parts.iter().flat_map(part).chain(norm).collect()
             }
             OpKind::Depthwise3x3 { input, weight, .. } => affine(weight, &[input.channels, 1, 3, 3], true),
             OpKind::LayerNorm { input, norm, .. } | OpKind::FilmMean { input, norm, .. } => {

@@ -93,18 +93,18 @@ pub enum SeparableForm {
     TwoKernels,
     /// As one.
     Fused,
-    /// As one where a workgroup computes all outputs of the pointwise one: elsewhere each group of them would compute the
-    /// depthwise one anew.
+    /// As one where a workgroup computes all outputs of the pointwise one, as elsewhere each group of them would compute the
+    /// depthwise one anew, and the pointwise one has more inputs than outputs.
     Narrow,
 }
 
 impl SeparableForm {
-    /// Whether a pointwise convolution to so many outputs is one kernel with the depthwise one before it.
-    pub(super) fn fuses(self, outputs: u32) -> bool {
+    /// Whether a pointwise convolution of so many inputs and outputs is one kernel with the depthwise one before it.
+    pub(super) fn fuses(self, inputs: u32, outputs: u32) -> bool {
         match self {
             Self::TwoKernels => false,
             Self::Fused => true,
-            Self::Narrow => outputs <= TILE_CHANNELS,
+            Self::Narrow => outputs <= TILE_CHANNELS && outputs < inputs,
         }
     }
 }

@@ -14,7 +14,8 @@ impl Lowering<'_> {
         let graph = self.graph;
         let op = &graph.ops[at];
         let (call, flops) = (self.op(op), self.flops(op));
-        let fuses = |next: &&Op| self.options.separable.fuses(graph.writes(next).channels) && is_separable(graph, at);
+        let (form, inputs) = (self.options.separable, graph.writes(op).channels);
+        let fuses = |next: &&Op| form.fuses(inputs, graph.writes(next).channels) && is_separable(graph, at);
         match graph.ops.get(at + 1).filter(fuses) {
             Some(next) => (fuse(call, self.op(next)), flops + self.flops(next), 2),
             None => (call, flops, 1),
@@ -65,6 +66,7 @@ impl Lowering<'_> {
                 Call::Linear(dense::Linear {
                     src: views[0],
                     src_b: views.get(1).copied(),
+                    norm: weight.norm.is_some(),
                     dst: self.view(*output),
                     weights: self.pack(&op.name, Pack::Linear(weight.clone())),
                     film: film.map(|film| self.value(film)),

@@ -56,7 +56,7 @@ pub enum Pack {
         /// Input channels.
         inputs: u32,
     },
-    /// The same as [`Pack::Conv3x3`] with one tap.
+    /// The same as [`Pack::Conv3x3`] with one tap. A norm's gain and bias are multiplied in.
     Linear(LinearWeight),
     /// `[bias | 9 taps]`, each of all channels.
     Depthwise {
@@ -169,10 +169,22 @@ impl Pack {
                 let (columns, first) = (w.inputs as usize, w.columns.start as usize);
                 let dense =
                     Dense { inputs: w.columns.len(), outputs: rows.len(), taps: 1, tile: TILE_CHANNELS as usize };
+                let weight = |n: usize, k: usize| rows[n].0[rows[n].2 * columns + first + k];
+                let bias = |n: usize| rows[n].1.map_or(0.0, |bias| bias[rows[n].2]);
+                let Some(norm) = &w.norm else {
+                    dense.write(out, bias, |n, k, _| weight(n, k));
+                    return Ok(());
+                };
+                // Products and sums in f64, rounded once.
+                let (gain, shift) = (tensor(norm, "weight")?, tensor(norm, "bias")?);
+                let product = |n: usize, k: usize, by: &[f32]| f64::from(weight(n, k)) * f64::from(by[k]);
                 dense.write(
                     out,
-                    |n| rows[n].1.map_or(0.0, |bias| bias[rows[n].2]),
-                    |n, k, _| rows[n].0[rows[n].2 * columns + first + k],
+                    |n| {
+                        let sum: f64 = (0..w.columns.len()).map(|k| product(n, k, shift)).sum();
+                        (f64::from(bias(n)) + sum) as f32
+                    },
+                    |n, k, _| product(n, k, gain) as f32,
                 );
             }
             Self::Depthwise { weight, channels } => {

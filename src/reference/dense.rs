@@ -2,6 +2,7 @@
 
 use super::Reference;
 use super::map::Map;
+use super::maps::normalise;
 use super::matrix::Matrix;
 use super::parameters::Parameters;
 use crate::kernels::dense::{Conv3x3, Linear};
@@ -21,11 +22,14 @@ pub fn conv3x3(reference: &mut Reference, call: &Conv3x3) {
     });
 }
 
-/// `act(film(W [src | src_b] + bias) + residual)`.
+/// `act(film(W norm([src | src_b]) + bias) + residual)`.
 pub fn linear(reference: &mut Reference, call: &Linear) {
     let mut src = reference.map(&call.src);
     if let Some(src_b) = &call.src_b {
         src = src.beside(&reference.map(src_b));
+    }
+    if call.norm {
+        src.values.chunks_exact_mut(src.channels).for_each(normalise);
     }
     reference.pointwise(&src, call);
 }

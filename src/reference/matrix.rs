@@ -41,6 +41,17 @@ impl Matrix {
         self.bias[output / OUTPUTS][output % OUTPUTS] = f64::from(bias);
     }
 
+    /// Multiplies what is read of every input by its gain, after which its shift is added.
+    pub fn fold_norm(&mut self, gain: &[f32], shift: &[f32]) {
+        for (i, block) in self.blocks.iter_mut().enumerate() {
+            let (output, input) = (i / (self.taps * self.inputs), i % self.inputs);
+            for (weight, bias) in block.iter_mut().zip(&mut self.bias[output]) {
+                *bias += *weight * f64::from(shift[input]);
+                *weight *= f64::from(gain[input]);
+            }
+        }
+    }
+
     /// The 3x3 (9 taps) or pointwise convolution with bias, zero-padded, at every `step`-th token, to `channels`
     /// channels; those beyond the matrix's own outputs are 0. Of the map's channels the matrix's first inputs count.
     pub fn apply(&self, src: &Map, step: usize, channels: usize) -> Map {

@@ -50,6 +50,9 @@ impl Parameters {
                     }
                     first += outputs;
                 }
+                if let Some(norm) = &linear.norm {
+                    matrix.fold_norm(tensor(norm, "weight")?, tensor(norm, "bias")?);
+                }
                 Self::Dense(matrix)
             }
             Pack::Depthwise { weight, channels } => {
