@@ -21,7 +21,7 @@ pub struct ParetoArgs {
     /// none is named.
     #[arg(long)]
     network: Vec<NetworkSpec>,
-    /// Only the tier of this name; may be given again. All that the device runs: see `stress`.
+    /// Only the tier of this name; may be given again. All that the device runs, where none is named.
     #[arg(long)]
     tier: Vec<String>,
     /// Only these scenes, comma separated.
@@ -144,7 +144,7 @@ fn sweep(
 }
 
 fn tiers(device: &Device, wanted: &[String]) -> Result<Vec<Tier>> {
-    let all = Tier::all(device);
+    let all = Tier::swept(device);
     let names = all.iter().map(|tier| format!("'{}'", tier.name)).collect::<Vec<_>>().join(", ");
     if let Some(unknown) = wanted.iter().find(|name| all.iter().all(|tier| tier.name != **name)) {
         return Err(format!("no tier '{unknown}' on this device; there are {names}").into());

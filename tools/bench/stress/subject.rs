@@ -8,8 +8,8 @@ use std::io::{Read, Write};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::str::FromStr;
 use vkdenoise::kernels::winograd::WinogradTile;
-use vkdenoise::net::Graph;
-use vkdenoise::plan::ConvAlgorithm;
+use vkdenoise::net::{Folds, Graph};
+use vkdenoise::plan::{ConvAlgorithm, SeparableForm};
 use vkdenoise::testing::{Bench, denoiser_with_kernels};
 use vkdenoise::{Denoiser, Device, Layout, Options, PlaneMut, Precision, Quiet, QuietMode, Weights};
 
@@ -35,8 +35,10 @@ pub struct Tier {
     pub cpu_kernels: bool,
     /// How dense 3x3 convolutions are computed.
     pub conv: ConvAlgorithm,
-    /// How quiet squares are left out; `None`: none are.
-    pub quiet: Option<QuietMode>,
+    /// Whether operations are folded and fused as the engine prefers; else each is a kernel.
+    pub fused: bool,
+    /// Which quiet squares are left out, and how; `None`: none are.
+    pub quiet: Option<Quiet>,
 }
 
 /// Relative noise up to which tiers that leave quiet squares out do so: that of [`super::scene::CONVERGED`] samples, and a little.
@@ -52,6 +54,7 @@ impl Tier {
             exactness: Exactness::Single,
             cpu_kernels: Bench::default_variants(device).cpu,
             conv: ConvAlgorithm::Direct,
+            fused: true,
             quiet: None,
         }
     }
@@ -68,7 +71,7 @@ impl Tier {
         if preferred.cpu_kernels {
             tiers.push(Self { name: "fp32, portable kernels", cpu_kernels: false, ..preferred });
         }
-        let quiet = |name, mode| Self { name, quiet: Some(mode), ..preferred };
+        let quiet = |name, mode| Self { name, quiet: Some(Quiet { threshold: QUIET_THRESHOLD, mode }), ..preferred };
         tiers.push(quiet("fp32, quiet left out exactly", QuietMode::Exact));
         tiers.push(quiet("fp32, quiet left out approximately", QuietMode::default()));
         if Bench::can_store_halves(device) {
@@ -87,13 +90,25 @@ impl Tier {
         tiers
     }
 
+    /// [`Tier::all`], and what is a matter of time alone or of taste: nothing fused, a higher threshold of what is quiet.
+    pub fn swept(device: &Device) -> Vec<Self> {
+        let preferred = Self::preferred(device);
+        let quiet = Quiet { threshold: 0.1, mode: QuietMode::default() };
+        let mut tiers = Self::all(device);
+        tiers.push(Self { name: "fp32, nothing fused", fused: false, ..preferred });
+        tiers.push(Self { name: "fp32, quiet below 0.1 left out approximately", quiet: Some(quiet), ..preferred });
+        tiers
+    }
+
     /// A denoiser of this tier, with its precision, its convolutions and what it leaves out in the place of the options' own.
     ///
     /// # Errors
     /// As [`Denoiser::new`].
     pub fn denoiser(&self, device: &Device, weights: &Weights, options: &Options) -> Result<Denoiser> {
-        let quiet = self.quiet.map(|mode| Quiet { threshold: QUIET_THRESHOLD, mode });
-        let options = Options { precision: self.precision, conv: Some(self.conv), quiet, ..*options };
+        let mut options = Options { precision: self.precision, conv: Some(self.conv), quiet: self.quiet, ..*options };
+        if !self.fused {
+            options = Options { folds: Some(Folds::NONE), separable: Some(SeparableForm::TwoKernels), ..options };
+        }
         Ok(denoiser_with_kernels(device, weights, &options, self.cpu_kernels)?)
     }
 }
@@ -159,7 +174,7 @@ impl Engine {
     /// # Errors
     /// As [`Denoiser::denoise`].
     pub fn against_whole(&mut self, scene: &Scene) -> Result<Option<Measured>> {
-        let Some(mode) = self.tier.quiet else { return Ok(None) };
+        let Some(Quiet { mode, .. }) = self.tier.quiet else { return Ok(None) };
         let output = self.denoise(scene)?;
         let whole = match &mut self.whole {
             Some(whole) => whole,
