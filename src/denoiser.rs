@@ -86,8 +86,8 @@ pub struct Options {
     pub exposure: Exposure,
     /// Share of the noisy colour in the host path's result, 0 (all denoised) to 1 (all noisy).
     pub blend: f32,
-    /// Which of the network's operations are folded into others: the same result but for rounding, for less work. `None`: all
-    /// that can be.
+    /// Which of the network's operations are folded into others: the same result but for rounding, for less work. `None`:
+    /// those that pay on the device.
     pub folds: Option<Folds>,
     /// How dense 3x3 convolutions are computed; `None`: as suits the device.
     pub conv: Option<ConvAlgorithm>,

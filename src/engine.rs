@@ -120,8 +120,8 @@ impl Forms {
     fn of(device: &Device, matrix: bool) -> Self {
         if matrix || !prefers_cpu_kernels(device) {
             // No kernel of a GPU holds all channels of a token, and a norm would be found anew for every 32 outputs.
-            let folds = Folds { norm: false, ..Folds::ALL };
-            return Self { conv: ConvAlgorithm::Direct, separable: SeparableForm::TwoKernels, folds };
+            let (conv, separable) = (ConvAlgorithm::Direct, SeparableForm::TwoKernels);
+            return Self { conv, separable, folds: Folds::EVERYWHERE };
         }
         // On lavapipe of Mesa 22.3 Winograd's filtering is faster in every convolution of the network, on that of 25.0 in none.
         let old = device.caps().lavapipe.is_some_and(|mesa| mesa < 23);

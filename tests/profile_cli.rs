@@ -91,7 +91,7 @@ fn what_is_left_out_shows() {
 
     let unchanged = report(&["--features", "unchanged"]);
     assert!((number(&unchanged, "/work") - 0.8555).abs() < 1e-3, "{}", unchanged["work"]);
-    assert_eq!(stage(&unchanged, "bottleneck"), 0.8, "four of its twenty kernels are of features");
+    assert_eq!(stage(&unchanged, "bottleneck"), 0.875, "two of its sixteen kernels are of features");
     let text = String::from_utf8(run(&[&["network"][..], &base[2..], &["--features", "none"]].concat())).unwrap();
     assert!(text.contains(" % of the work of a whole frame with all features") && text.contains("active"), "{text}");
 }
@@ -104,7 +104,9 @@ fn convolutions_and_blocks_of_every_form() {
     let report = json(&run(&[&["conv", "--size", "64", "--channels", "16", "--plot", &plot][..], &common].concat()));
     let kernels = report["kernels"].as_array().unwrap();
     let named = |row: &Value, key: &str| row[key].as_str().unwrap().to_owned();
-    let found: Vec<_> = kernels.iter().map(|row| (named(row, "stage"), named(row, "kernel"))).collect();
+    // CPU drivers have a kernel of their own for so few inputs.
+    let kernel = |row: &Value| named(row, "kernel").trim_end_matches("_stationary").to_owned();
+    let found: Vec<_> = kernels.iter().map(|row| (named(row, "stage"), kernel(row))).collect();
     let expected = [
         ("direct", "conv3x3"),
         ("F(2x2,3x3)", "winograd3x3"),

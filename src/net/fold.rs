@@ -29,6 +29,8 @@ pub const NORMED_INPUTS: u32 = 128;
 impl Folds {
     /// Every operation as the network has it.
     pub const NONE: Self = Self { unembed: false, skip: false, unread: false, norm: false };
+    /// Those that make less work on every device.
+    pub const EVERYWHERE: Self = Self { unembed: true, skip: true, unread: true, norm: false };
     /// All of them.
     pub const ALL: Self = Self { unembed: true, skip: true, unread: true, norm: true };
 }

@@ -48,14 +48,14 @@ pub const fn max_chain_bytes(storage: Storage) -> u64 {
 }
 
 impl Default for PlanOptions {
-    /// No limit on memory, buffers share it; every fold; direct convolutions, two kernels.
+    /// No limit on memory, buffers share it; every fold that pays everywhere; direct convolutions, two kernels.
     fn default() -> Self {
         Self {
             max_block_bytes: u64::MAX,
             keep_all: false,
             keep_features: false,
             quiet: None,
-            folds: Folds::ALL,
+            folds: Folds::EVERYWHERE,
             conv: ConvAlgorithm::default(),
             conv_table: ConvTable::default(),
             separable: SeparableForm::default(),
