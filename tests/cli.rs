@@ -261,9 +261,9 @@ fn in_place_by_layer_name_and_quiet() {
     assert_eq!(d.names(""), ["copy.exr", "views.exr"]);
 }
 
-/// Each quality is another network or another storage, and so another picture; the default is the balanced one.
+/// Each quality is another network or leaves something out, and so another picture; the default is the balanced one.
 #[test]
-fn a_quality_chooses_network_and_storage() {
+fn a_quality_chooses_network_and_what_is_left_out() {
     let d = Directory::new();
     let input = d.exr("in.exr", FEATURES, 0.0);
     let denoise = |options: &[&str]| {
@@ -272,15 +272,19 @@ fn a_quality_chooses_network_and_storage() {
         succeeded(&ran);
         let said: serde_json::Value = serde_json::from_str(&ran.out).unwrap();
         let word = |key: &str| said[key].as_str().unwrap().to_owned();
-        (word("network"), word("precision"), color(&out))
+        (word("network"), said["denoised"].clone(), color(&out))
     };
     let [fast, balanced, high] = ["fast", "balanced", "high"].map(|quality| denoise(&["--quality", quality]));
     assert_eq!([&fast.0, &balanced.0, &high.0], ["hybrid", "hybrid", "expanded_patch"]);
+    assert_eq!(
+        [&fast.1, &balanced.1, &high.1],
+        [&0.0.into(), &Value::Null, &Value::Null],
+        "no noise, nothing to denoise"
+    );
     assert_ne!(fast.2, balanced.2);
     assert_ne!(balanced.2, high.2);
     assert_eq!(denoise(&[]), balanced);
-    let asked = denoise(&["--quality", "fast", "--precision", "fp32"]);
-    assert_eq!(asked.1, "fp32", "what is asked for counts more than what the quality would choose");
+    assert_eq!(denoise(&["--quality", "fast", "--skip-below", "0"]), balanced, "what is asked for counts more");
 }
 
 #[cfg(unix)]

@@ -15,16 +15,17 @@ pub const COLORS: [RGBColor; 8] = [
     RGBColor(110, 60, 160),
 ];
 
-/// Draws the legend of the series so far, in the lower right corner.
+/// Draws the legend of the series so far.
 ///
 /// # Errors
 /// Those of the backend.
 pub fn legend<'a, B: DrawingBackend + 'a, C: CoordTranslate>(
     chart: &mut ChartContext<'a, B, C>,
+    position: SeriesLabelPosition,
 ) -> Result<(), DrawingAreaErrorKind<B::ErrorType>> {
     chart
         .configure_series_labels()
-        .position(SeriesLabelPosition::LowerRight)
+        .position(position)
         .background_style(WHITE.mix(0.9))
         .border_style(BLACK.mix(0.3))
         .draw()

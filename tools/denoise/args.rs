@@ -37,7 +37,7 @@ pub struct Args {
     #[arg(long, value_name = "NAME")]
     pub layer: Option<String>,
 
-    /// Run time against error: fast, balanced or high. It chooses the network and, where --precision is auto, the storage
+    /// Run time against error: fast, balanced or high. It chooses the network; fast is --skip-below 0.02 as well
     #[arg(long, value_name = "Q", default_value = "balanced", value_parser = parsed::<Quality>)]
     pub quality: Quality,
 
@@ -81,9 +81,10 @@ pub struct Args {
     pub region: Option<Region>,
 
     /// Leave out what has less relative noise than this: squares of 16x16 pixels that keep their colour, for part of the work.
-    /// 0.025 is hardly visible. The noise is estimated, or known from a layer of variance or sample counts. 0: denoise all
-    #[arg(long, value_name = "NOISE", default_value_t = 0.0, allow_hyphen_values = true, value_parser = noise)]
-    pub skip_below: f32,
+    /// 0.025 is hardly visible. The noise is estimated, or known from a layer of variance or sample counts. 0, the default but
+    /// with --quality fast: denoise all
+    #[arg(long, value_name = "NOISE", allow_hyphen_values = true, value_parser = noise)]
+    pub skip_below: Option<f32>,
 
     /// What is left out with them: "approximate" (as much as is hardly visible) or "exact" (what the rest does not depend on)
     #[arg(long, value_name = "M", default_value = "approximate", value_parser = parsed::<QuietMode>)]
@@ -141,7 +142,8 @@ fn exposure(text: &str) -> Result<Exposure, String> {
 impl Args {
     /// What is left out as it needs no denoising.
     pub fn quiet(&self) -> Option<Quiet> {
-        (self.skip_below > 0.0).then_some(Quiet { threshold: self.skip_below, mode: self.skip_mode })
+        let threshold = self.skip_below.or_else(|| self.quality.quiet().map(|quiet| quiet.threshold));
+        threshold.filter(|&noise| noise > 0.0).map(|threshold| Quiet { threshold, mode: self.skip_mode })
     }
 }
 

@@ -45,9 +45,8 @@ def oidn(frame):
     return pyoidn.denoise(frame.planes["color"], **features, hdr=True, clean_aux=False, quality="high")
 
 
-def vkdenoise(binary, weights_file):
+def vkdenoise(binary, *options):
     """The command line tool, files in and out as its users have it."""
-    options = ["--weights", weights_file] if weights_file else []
 
     def run(frame):
         with tempfile.TemporaryDirectory() as folder:

@@ -1,10 +1,10 @@
-"""A picture for people: one row per scene, noisy | vkdenoise | OIDN | reference, gamma 2.2, with labels and credits."""
+"""A picture for people: one row per scene, noisy | vkdenoise in both qualities | OIDN | reference, gamma 2.2, with labels and credits."""
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from kit import metrics
 
-COLUMNS = ("noisy", "vkdenoise", "OIDN", "reference")
+COLUMNS = ("noisy", "vkdenoise", "vkdenoise high", "OIDN", "reference")
 # Licences ask for the author's name beside the picture.
 CREDITS = {
     "bathroom": '"Contemporary Bathroom" by Mareck (CC0)',
@@ -21,7 +21,8 @@ INK, PAPER = (20, 20, 20), (255, 255, 255)
 
 
 def label(column, spp):
-    return {"noisy": f"{spp} samples per pixel", "OIDN": "Intel OIDN, high"}.get(column, column)
+    names = {"noisy": f"{spp} samples per pixel", "vkdenoise high": "vkdenoise --quality high", "OIDN": "Intel OIDN, high"}
+    return names.get(column, column)
 
 
 def credit_line(scenes):

@@ -80,6 +80,6 @@ pub fn roofline(path: &Path, title: &str, roof: &Roof, points: &[Point]) -> Resu
             .label(name)
             .legend(move |(x, y)| Circle::new((x + 9, y), 4, color.filled()));
     }
-    legend(&mut chart).map_err(said)?;
+    legend(&mut chart, SeriesLabelPosition::LowerRight).map_err(said)?;
     area.present().map_err(said)
 }

@@ -37,6 +37,7 @@ pub fn draw(path: &Path, title: &str, metric: Metric, points: &[Point]) -> Resul
         .light_line_style(BLACK.mix(0.06))
         .draw()
         .map_err(said)?;
+    let mut names = Names::default();
     let mut counts: Vec<u32> = points.iter().map(|point| point.spp).collect();
     counts.dedup();
     for (i, spp) in counts.into_iter().enumerate() {
@@ -50,12 +51,30 @@ pub fn draw(path: &Path, title: &str, metric: Metric, points: &[Point]) -> Resul
             .legend(move |(x, y)| PathElement::new([(x, y), (x + 18, y)], color.stroke_width(2)));
         for point in of_count() {
             let style = if point.front { color.filled() } else { color.stroke_width(1) };
-            let mark = EmptyElement::at(at(point))
-                + Circle::new((0, 0), 4, style)
-                + Text::new(point.setting.clone(), (8, -5), ("sans-serif", 11).into_font().color(&color));
+            let font = ("sans-serif", 11).into_font().color(&color);
+            let name = if names.fits(chart.backend_coord(&at(point)), &point.setting) { &point.setting } else { "" };
+            let mark =
+                EmptyElement::at(at(point)) + Circle::new((0, 0), 4, style) + Text::new(name.to_owned(), (8, -5), font);
             chart.draw_series(std::iter::once(mark)).map_err(said)?;
         }
     }
-    legend(&mut chart).map_err(said)?;
+    legend(&mut chart, SeriesLabelPosition::LowerLeft).map_err(said)?;
     area.present().map_err(said)
+}
+
+/// The names that stand already, as pixels from, to and height: of settings that lie together the fastest has one.
+#[derive(Default)]
+struct Names(Vec<(i32, i32, i32)>);
+
+impl Names {
+    /// Whether a name has room beside a point; then it stands.
+    fn fits(&mut self, (x, y): (i32, i32), name: &str) -> bool {
+        // As wide as the font's letters are on average, and as high.
+        let (from, to, height) = (x, x + 14 + 6 * name.len() as i32, 12);
+        let free = self.0.iter().all(|(left, right, at)| to < *left || *right < from || (y - at).abs() >= height);
+        if free {
+            self.0.push((from, to, y));
+        }
+        free
+    }
 }

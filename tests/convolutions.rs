@@ -1,0 +1,137 @@
+//! The dense 3x3 convolutions against their f64 twins, over random shapes, strides, channel ranges and lists of tiles.
+
+mod common;
+
+use common::case::{Cases, KERNEL_LIMIT, STORAGES};
+use common::dense::{ACTIVATIONS, dense_cases, film, size};
+use vkdenoise::kernels::dense::Conv3x3;
+use vkdenoise::kernels::winograd::{Winograd3x3, WinogradTile};
+use vkdenoise::kernels::{Call, Shuffle};
+use vkdenoise::net::ConvWeight;
+use vkdenoise::plan::pack::Pack;
+
+fn add_conv(cases: &mut Cases, (inputs, outputs): (u32, u32), stride: u32, shuffle: Shuffle) {
+    add_conv_by(cases, (inputs, outputs), stride, shuffle, None);
+}
+
+fn add_conv_by(
+    cases: &mut Cases,
+    (inputs, outputs): (u32, u32),
+    stride: u32,
+    shuffle: Shuffle,
+    tile: Option<WinogradTile>,
+) {
+    let unit = if shuffle == Shuffle::Unshuffle { 16 } else { 8 };
+    let (width, height) = size(cases, unit);
+    let channels = outputs.next_multiple_of(4);
+    let bias = cases.random.coin();
+    let (weight, phases) = (ConvWeight::Tensor("bottleneck.0.ffn.expand".into()), shuffle == Shuffle::Shuffle);
+    let pack = match tile {
+        None => Pack::Conv3x3 { weight, bias, inputs, outputs, shuffle: phases },
+        Some(tile) => Pack::Winograd3x3 { weight, bias, inputs, outputs, shuffle: phases, tile },
+    };
+    let src = cases.map((width * stride, height * stride), inputs, 3.0);
+    let dst = match shuffle {
+        Shuffle::None => cases.target((width, height), outputs),
+        Shuffle::Unshuffle => cases.target((width / 2, height / 2), 4 * outputs),
+        Shuffle::Shuffle => cases.target((2 * width, 2 * height), outputs / 4),
+    };
+    // The engine has neither FiLM nor residual before a shuffle.
+    let plain = shuffle == Shuffle::None;
+    let film = if plain { film(cases, channels) } else { None };
+    let residual = (plain && cases.random.coin()).then(|| cases.map((width, height), outputs, 1.0));
+    let call = Conv3x3 {
+        src,
+        dst,
+        channels,
+        weights: cases.pack(pack),
+        film,
+        residual,
+        stride,
+        activation: cases.random.pick(&ACTIVATIONS),
+        shuffle,
+        tiles: cases.tiles((width, height)),
+    };
+    match tile {
+        None => cases.add(Call::Conv3x3(call), dst.buffer),
+        Some(tile) => cases.add(Call::Winograd3x3(Winograd3x3 { conv: call, tile }), dst.buffer),
+    }
+}
+
+#[test]
+fn conv3x3() {
+    for (storage, limit) in STORAGES {
+        let mut cases = dense_cases(1);
+        cases.storage = storage;
+        for _ in 0..4 {
+            for outputs in [1, 3, 4, 8, 20, 32, 36, 64, 100] {
+                let inputs = cases.random.pick(&[3, 4, 7, 12, 32, 40]);
+                add_conv(&mut cases, (inputs, outputs), 1, Shuffle::None);
+            }
+        }
+        cases.check("conv3x3", limit);
+    }
+}
+
+#[test]
+fn conv3x3_of_stride_2() {
+    for (storage, limit) in STORAGES {
+        let mut cases = dense_cases(2);
+        cases.storage = storage;
+        for _ in 0..3 {
+            for outputs in [12, 32, 44, 64] {
+                let inputs = cases.random.pick(&[3, 4, 12, 32, 36]);
+                add_conv(&mut cases, (inputs, outputs), 2, Shuffle::None);
+            }
+        }
+        cases.check("conv3x3 of stride 2", limit);
+    }
+}
+
+#[test]
+fn conv3x3_with_shuffles() {
+    for (storage, limit) in STORAGES {
+        let mut cases = dense_cases(3);
+        cases.storage = storage;
+        for _ in 0..3 {
+            for outputs in [4, 8, 16, 20, 32, 48] {
+                let inputs = cases.random.pick(&[4, 8, 12, 32, 36]);
+                add_conv(&mut cases, (inputs, outputs), 1, Shuffle::Unshuffle);
+            }
+            for outputs in [16, 32, 48, 64, 112, 128] {
+                let inputs = cases.random.pick(&[4, 8, 12, 32, 36]);
+                add_conv(&mut cases, (inputs, outputs), 1, Shuffle::Shuffle);
+            }
+        }
+        cases.check("conv3x3 with shuffles", limit);
+    }
+}
+
+/// Every form of convolution by Winograd's filtering.
+fn winograd(seed: u64, tile: WinogradTile) -> Cases {
+    let mut cases = dense_cases(seed);
+    for _ in 0..3 {
+        for outputs in [8, 16, 20, 32, 36, 64] {
+            let inputs = cases.random.pick(&[3, 4, 7, 12, 32, 40]);
+            add_conv_by(&mut cases, (inputs, outputs), 1, Shuffle::None, Some(tile));
+        }
+    }
+    for outputs in [8, 16, 20, 48] {
+        add_conv_by(&mut cases, (12, outputs), 1, Shuffle::Unshuffle, Some(tile));
+    }
+    for outputs in [16, 48, 64] {
+        add_conv_by(&mut cases, (20, outputs), 1, Shuffle::Shuffle, Some(tile));
+    }
+    cases
+}
+
+#[test]
+fn winograd3x3_of_2x2() {
+    winograd(11, WinogradTile::F2).check("winograd3x3 of F(2x2)", KERNEL_LIMIT);
+}
+
+/// The transforms of six points grow rounding errors: by theory some tens of times in size where those of four do a few.
+#[test]
+fn winograd3x3_of_4x4() {
+    winograd(12, WinogradTile::F4).check("winograd3x3 of F(4x4)", KERNEL_LIMIT);
+}
