@@ -70,7 +70,7 @@ impl Names {
     /// Whether a name has room beside a point; then it stands.
     fn fits(&mut self, (x, y): (i32, i32), name: &str) -> bool {
         // As wide as the font's letters are on average, and as high.
-        let (from, to, height) = (x, x + 14 + 6 * name.len() as i32, 12);
+        let (from, to, height) = (x, x + 12 + 5 * name.len() as i32, 12);
         let free = self.0.iter().all(|(left, right, at)| to < *left || *right < from || (y - at).abs() >= height);
         if free {
             self.0.push((from, to, y));
