@@ -97,7 +97,7 @@ struct Forms {
     /// Arithmetic and storage: auto, fp32, fp16 or matrix.
     #[arg(long, default_value = "auto")]
     precision: vkdenoise::Precision,
-    /// Which operations are folded into others: all, none, or some of unembed, skip and unread.
+    /// Which operations are folded into others: all, none, or some of unembed, skip, unread and norm.
     #[arg(long, default_value = "all")]
     folds: Folds,
 }

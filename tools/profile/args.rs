@@ -30,7 +30,7 @@ pub enum Command {
         /// Frame size
         #[arg(long, value_name = "WxH", default_value = "512x512", value_parser = size)]
         size: Extent,
-        /// Which operations are folded into others: all, none, or some of unembed, skip and unread
+        /// Which operations are folded into others: all, none, or some of unembed, skip, unread and norm
         #[arg(long, value_name = "F", default_value = "all")]
         folds: Folds,
         /// How dense 3x3 convolutions are computed; as suits the device where it is left out
