@@ -18,13 +18,13 @@ pub struct Folds {
     pub skip: bool,
     /// Channels that nobody reads: most of what the last Down makes of the features, where attention is partial.
     pub unread: bool,
-    /// Layer normalisations into the Linear that alone reads them, of at most [`NORMED_INPUTS`] channels: the normed map is not written
+    /// Layer normalisations into the Linear that alone reads them, of at most 128 channels: the normed map is not written
     /// and read again. It pays where a kernel holds all channels of a token.
     pub norm: bool,
 }
 
 /// Most input channels of a Linear that takes in the norm before it.
-pub const NORMED_INPUTS: u32 = 128;
+const NORMED_INPUTS: u32 = 128;
 
 impl Folds {
     /// Every operation as the network has it.
