@@ -33,7 +33,7 @@ layout(push_constant) uniform Push {
 };
 
 const uint BIAS_TABLE_STRIDE = 228u;
-const float LEAST = -3.4e38;
+const float LEAST = -3.40282347e38;    // the least of all finite floats
 
 void main() {
     uint slot = group_index();
