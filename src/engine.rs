@@ -109,7 +109,7 @@ impl Engine {
     }
 }
 
-/// The forms of convolutions that suit a device, as far as devices were measured (`docs/performance.md`).
+/// The forms and folds that suit a device, as far as devices were measured (`docs/performance.md`).
 struct Forms {
     conv: ConvAlgorithm,
     separable: SeparableForm,
@@ -147,7 +147,7 @@ pub(crate) fn wanted_storage(device: &Device, precision: Precision) -> Result<St
         Precision::F16 => {
             Err(Error::Unsupported { device: device.info().name.clone(), missing: Need::Storage16.to_string() })
         }
-        // A CPU gains little (0.925 of the time on lavapipe), and stays exact. The kernels on matrices store 32-bit floats.
+        // A CPU gains no time (docs/pareto.md), and stays exact. The kernels on matrices store 32-bit floats.
         Precision::Auto => {
             let gains = device.caps().kind != DeviceKind::Cpu && !wants_matrices(device, precision)?;
             Ok(if gains && has_halves { Storage::F16 } else { Storage::F32 })

@@ -81,7 +81,7 @@ pub struct Args {
     pub region: Option<Region>,
 
     /// Leave out what has less relative noise than this: squares of 16x16 pixels that keep their colour, for part of the work.
-    /// 0.025 is hardly visible. The noise is estimated, or known from a layer of variance or sample counts. 0, the default but
+    /// 0.02 is hardly visible. The noise is estimated, or known from a layer of variance or sample counts. 0, the default but
     /// with --quality fast: denoise all
     #[arg(long, value_name = "NOISE", allow_hyphen_values = true, value_parser = noise)]
     pub skip_below: Option<f32>,
