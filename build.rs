@@ -12,7 +12,7 @@ mod kernels {
 #[path = "build/check.rs"]
 mod check;
 
-use kernels::contract::Contract;
+use kernels::contract::{Contract, Module, Sharing};
 use std::fmt::Write as _;
 use std::hash::{Hash, Hasher};
 use std::path::{Path, PathBuf};
@@ -34,23 +34,28 @@ fn build() -> Result<(), String> {
     let mut modules = String::from("static MODULES: &[(&str, &[u32])] = &[\n");
     let mut hash = std::hash::DefaultHasher::new();
     for contract in kernels::contracts::ALL {
-        // The optimiser strips the names that the check compares.
-        check::check(contract, &compile(&compiler, contract, shaderc::OptimizationLevel::Zero)?)?;
-        let words = compile(&compiler, contract, shaderc::OptimizationLevel::Performance)?;
-        (contract.name, &words).hash(&mut hash);
-        let file = out.join(format!("{}.in", contract.name));
-        fs::write(&file, format!("{words:?}")).map_err(|e| format!("{}: {e}", file.display()))?;
-        writeln!(modules, "    ({:?}, &include!({:?})),", contract.name, file.display()).map_err(|e| e.to_string())?;
+        let mut forms = Sharing::ALL.map(|sharing| contract.module(sharing)).to_vec();
+        forms.dedup_by(|a, b| a.name == b.name);
+        for module in &forms {
+            // The optimiser strips the names that the check compares.
+            check::check(contract, &compile(&compiler, contract, module, shaderc::OptimizationLevel::Zero)?)?;
+            let words = compile(&compiler, contract, module, shaderc::OptimizationLevel::Performance)?;
+            (&module.name, &words).hash(&mut hash);
+            let file = out.join(format!("{}.in", module.name));
+            fs::write(&file, format!("{words:?}")).map_err(|e| format!("{}: {e}", file.display()))?;
+            writeln!(modules, "    ({:?}, &include!({:?})),", module.name, file.display()).map_err(|e| e.to_string())?;
+        }
     }
     writeln!(modules, "];\n/// Changes with any of the modules.\npub const HASH: u64 = {};", hash.finish())
         .map_err(|e| e.to_string())?;
     fs::write(out.join("spirv.rs"), modules).map_err(|e| e.to_string())
 }
 
-/// SPIR-V 1.5 of one variant.
+/// SPIR-V 1.5 of one module of a variant.
 fn compile(
     compiler: &shaderc::Compiler,
     contract: &Contract,
+    module: &Module,
     level: shaderc::OptimizationLevel,
 ) -> Result<Vec<u32>, String> {
     let path = Path::new("glsl").join(contract.source);
@@ -59,7 +64,7 @@ fn compile(
     options.set_target_env(shaderc::TargetEnv::Vulkan, shaderc::EnvVersion::Vulkan1_2 as u32);
     options.set_optimization_level(level);
     options.set_warnings_as_errors();
-    for (name, value) in contract.defines {
+    for (name, value) in &module.defines {
         options.add_macro_definition(name, Some(value));
     }
     options.set_include_callback(|wanted, _, _, _| {
@@ -70,5 +75,5 @@ fn compile(
     compiler
         .compile_into_spirv(&source, shaderc::ShaderKind::Compute, &path.display().to_string(), "main", Some(&options))
         .map(|artifact| artifact.as_binary().to_vec())
-        .map_err(|e| format!("variant {}: {e}", contract.name))
+        .map_err(|e| format!("variant {}: {e}", module.name))
 }

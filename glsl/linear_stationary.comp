@@ -6,8 +6,8 @@
 // NORM: every token is brought to mean 0 and variance 1 over its channels first; gain and bias are in the weights.
 #version 460
 #extension GL_EXT_control_flow_attributes : require
-#extension GL_KHR_shader_subgroup_shuffle : require
 #include "shared/storage.glsl"
+#include "shared/lanes.glsl"
 #include "shared/tiles.glsl"
 #include "shared/epilogue.glsl"
 const int PIXELS = TX * TY;
@@ -58,9 +58,10 @@ vec4 load_input(uint pixel, uint k) {
 
 void main() {
     uint slot = group_index() * (64u / LANES) + gl_LocalInvocationID.x / LANES;
-    // The first eight lanes of a subgroup, which have the weights, are the last to find no tile.
-    if (slot >= tiles_of(tile_count, flags, tiles)) return;
-    uvec2 origin = tile_origin(slot, first_tile, flags, tiles);
+    uint count = tiles_of(tile_count, flags, tiles);
+    if (count == 0u) return;
+    bool live = slot < count;
+    uvec2 origin = tile_origin(min(slot, count - 1u), first_tile, flags, tiles);
     uint lane = gl_LocalInvocationID.x % LANES;
     uvec2 base = origin + uvec2(lane % LANES_X, lane / LANES_X) * uvec2(TX, TY);
 
@@ -85,17 +86,18 @@ void main() {
     }
 
     for (uint n = 0u; n < dst_channels; ++n) {
-        // Every lane loads the weights of another input channel, for four outputs, and hands them round.
-        uint block = bias_vectors + (n / PACKED_NV * uint(4 * INPUTS) + (gl_SubgroupInvocationID & 7u)) * PACKED_NV + n % PACKED_NV;
-        vec4 lane_weights[(INPUTS + 1) / 2];
-        [[unroll]] for (int i = 0; i < (INPUTS + 1) / 2; ++i) lane_weights[i] = LOAD_WEIGHTS(weights, block + 8 * i * PACKED_NV);
+        // Every lane loads the weights of other input channels, for four outputs, and hands them round.
+        uint block = bias_vectors + (n / PACKED_NV * uint(4 * INPUTS) + min(LANE, uint(4 * INPUTS - 1))) * PACKED_NV + n % PACKED_NV;
+        vec4 lane_weights[PER_LANE(4 * INPUTS)];
+        [[unroll]] for (int i = 0; i < PER_LANE(4 * INPUTS); ++i) lane_weights[i] = LOAD_WEIGHTS(weights, block + i * SHARING * PACKED_NV);
         vec4 bias = LOAD_WEIGHTS(weights, n);
         vec4 sums[PIXELS];
         [[unroll]] for (int p = 0; p < PIXELS; ++p) sums[p] = bias;
         [[unroll]] for (int k = 0; k < 4 * INPUTS; ++k) {
-            vec4 w = subgroupShuffle(lane_weights[k / 8], uint(k % 8));
+            vec4 w = FROM_LANE(lane_weights[k / SHARING], uint(k % SHARING));
             [[unroll]] for (int p = 0; p < PIXELS; ++p) sums[p] += inputs[p * INPUTS + k / 4][k % 4] * w;
         }
+        if (!live) continue;
         [[unroll]] for (int p = 0; p < PIXELS; ++p) {
             vec4 value = sums[p];
             if ((flags & FLAG_FILM) != 0u) value = LOAD_WEIGHTS(film, n) * value + LOAD_WEIGHTS(film, dst_channels + n);

@@ -5,8 +5,8 @@
 // of weights that a token nearby needs is gone through by all, and every token stores the result of its own.
 #version 460
 #extension GL_EXT_control_flow_attributes : require
-#ifdef WEIGHTS_SHARED
-#extension GL_KHR_shader_subgroup_shuffle : require
+#ifdef LANES_SHARE
+#include "shared/lanes.glsl"
 #extension GL_KHR_shader_subgroup_vote : require
 #endif
 #include "shared/storage.glsl"
@@ -37,14 +37,12 @@ const uint ROWS = 4u;
 const uint SETS = 6u;
 const int BLOCK = 32;                          // vectors of weights for four input channels
 
-#ifdef WEIGHTS_SHARED
-// As in the microkernel: eight lanes load an eighth of the block each and hand it round.
-const int PER_LANE = BLOCK / 8;
-vec4 lane_weights[PER_LANE];
+#ifdef LANES_SHARE
+vec4 lane_weights[PER_LANE(BLOCK)];
 #define FETCH_WEIGHTS(base) \
-    { uint lane = gl_SubgroupInvocationID & 7u; \
-      [[unroll]] for (int i = 0; i < PER_LANE; ++i) lane_weights[i] = LOAD_WEIGHTS(weights, (base) + lane * PER_LANE + i); }
-#define WEIGHT(base, j) subgroupShuffle(lane_weights[(j) % PER_LANE], uint((j) / PER_LANE)).xyz
+    { uint from = (base) + SHARED_FIRST(BLOCK); \
+      [[unroll]] for (int i = 0; i < PER_LANE(BLOCK); ++i) lane_weights[i] = LOAD_WEIGHTS(weights, from + i); }
+#define WEIGHT(base, j) SHARED(lane_weights, BLOCK, j).xyz
 #define FOR_ANY(condition) subgroupAny(condition)
 #else
 #define FETCH_WEIGHTS(base)

@@ -4,8 +4,8 @@
 // scores are never stored.
 #version 460
 #extension GL_EXT_control_flow_attributes : require
-#extension GL_KHR_shader_subgroup_shuffle : require
 #include "shared/storage.glsl"
+#include "shared/lanes.glsl"
 #include "shared/tiles.glsl"
 TEXELS_OF(0, x)
 TEXELS_OF(1, f)
@@ -80,8 +80,8 @@ void main() {
                 sx[i] = sf[i] = bias.v[bias_at[i] - row * 15u - key];
             }
             [[unroll]] for (int c = 0; c < KEYS; ++c) {
-                vec4 its_k = subgroupShuffle(k[c], uint(key));
-                vec4 its_kf = subgroupShuffle(kf[c], uint(key));
+                vec4 its_k = FROM_LANE(k[c], uint(key));
+                vec4 its_kf = FROM_LANE(kf[c], uint(key));
                 [[unroll]] for (int i = 0; i < QUERIES; ++i) {
                     sx[i] += dot(q[i * KEYS + c], its_k);
                     sf[i] += dot(qf[i * KEYS + c], its_kf);
@@ -102,7 +102,7 @@ void main() {
         }
         [[unroll]] for (int key = 0; key < 8; ++key) {
             [[unroll]] for (int c = 0; c < VALUES; ++c) {
-                vec4 its_v = subgroupShuffle(v[c], uint(key));
+                vec4 its_v = FROM_LANE(v[c], uint(key));
                 [[unroll]] for (int i = 0; i < QUERIES; ++i) sums[i * VALUES + c] += scores[i * 8 + key] * its_v;
             }
         }

@@ -5,8 +5,8 @@
 // An invocation keeps its tiles' sums at all points in registers: TX tiles side by side, 4 * NV output channels.
 #version 460
 #extension GL_EXT_control_flow_attributes : require
-#ifdef WEIGHTS_SHARED
-#extension GL_KHR_shader_subgroup_shuffle : require
+#ifdef LANES_SHARE
+#include "shared/lanes.glsl"
 #endif
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"
@@ -93,14 +93,13 @@ vec4 points[TX * POINTS];
 }
 #endif
 
-#ifdef WEIGHTS_SHARED
-// Eight lanes load an eighth of a row of points' weights each and hand it round.
-const int PER_LANE = IN * 4 / 8;
-vec4 lane_weights[PER_LANE];
+#ifdef LANES_SHARE
+// Of a row of points.
+vec4 lane_weights[PER_LANE(IN * 4)];
 #define FETCH_WEIGHTS(base) \
-    { uint lane = gl_SubgroupInvocationID & 7u; \
-      [[unroll]] for (int i = 0; i < PER_LANE; ++i) lane_weights[i] = LOAD_WEIGHTS(weights, (base) + lane * PER_LANE + i); }
-#define WEIGHT(base, j) subgroupShuffle(lane_weights[(j) % PER_LANE], uint((j) / PER_LANE))
+    { uint from = (base) + SHARED_FIRST(IN * 4); \
+      [[unroll]] for (int i = 0; i < PER_LANE(IN * 4); ++i) lane_weights[i] = LOAD_WEIGHTS(weights, from + i); }
+#define WEIGHT(base, j) SHARED(lane_weights, IN * 4, j)
 #else
 #define FETCH_WEIGHTS(base)
 #define WEIGHT(base, j) LOAD_WEIGHTS(weights, (base) + (j))

@@ -69,9 +69,9 @@ pub(crate) struct CacheFile {
 impl CacheFile {
     /// The file for `what`, made on a device with its driver from this library's kernels; `None` without a folder.
     pub fn of_device(cache: &Cache, what: &str, identity: &Identity) -> Option<Self> {
-        let Identity { vendor, device, driver, uuid } = identity;
+        let Identity { vendor, device, driver, uuid, subgroup } = identity;
         let (uuid, kernels) = (u128::from_be_bytes(*uuid), spirv::HASH);
-        let name = format!("{what}-{vendor:x}-{device:x}-{driver:x}-{uuid:032x}-{kernels:016x}");
+        let name = format!("{what}-{vendor:x}-{device:x}-{driver:x}-{uuid:032x}-{subgroup}-{kernels:016x}");
         cache.folder().map(|folder| Self { folder, name })
     }
 
@@ -192,13 +192,14 @@ mod tests {
 
     #[test]
     fn another_driver_has_another_file() {
-        let identity = Identity { vendor: 5, device: 6, driver: 7, uuid: [9; 16] };
+        let identity = Identity { vendor: 5, device: 6, driver: 7, uuid: [9; 16], subgroup: 8 };
         let file = |identity| CacheFile::of_device(&Cache::Folder("here".into()), "this", &identity).unwrap();
         for other in [
             Identity { vendor: 8, ..identity },
             Identity { device: 8, ..identity },
             Identity { driver: 8, ..identity },
             Identity { uuid: [8; 16], ..identity },
+            Identity { subgroup: 16, ..identity },
         ] {
             assert_ne!(file(other), file(identity));
         }

@@ -2,11 +2,10 @@
 // channels at a time. Weights are packed as [output tile][tap][input channel / 4][4 input channels][PACKED_NV], vectors of four
 // consecutive outputs, of which the first NV are computed; PACKED_NV is NV if nothing is said.
 //
-// WEIGHTS_SHARED: eight lanes load an eighth of the block each and hand it round. For drivers on which a load costs
-// more than the arithmetic (CPU drivers: a load is one scalar load per lane).
+// LANES_SHARE: the lanes of a subgroup load a part of the block each and hand it round.
 #extension GL_EXT_control_flow_attributes : require
-#ifdef WEIGHTS_SHARED
-#extension GL_KHR_shader_subgroup_shuffle : require
+#ifdef LANES_SHARE
+#include "shared/lanes.glsl"
 #endif
 
 #ifndef PACKED_NV
@@ -24,20 +23,16 @@ void clear_accumulators(Weights weights, uint tile_n) {
     }
 }
 
-#ifdef WEIGHTS_SHARED
-// By subgroupShuffle, which is one instruction where its index is constant; subgroupBroadcast first looks for an active
-// lane on some CPU drivers, in a loop.
-const int PER_LANE = (4 * NV + 7) / 8;
-vec4 lane_weights[PER_LANE];
+#ifdef LANES_SHARE
+vec4 lane_weights[PER_LANE(4 * NV)];
 
 void fetch_weights(Weights weights, uint base) {
-    uint first = (gl_SubgroupInvocationID & (4 * NV / PER_LANE - 1)) * PER_LANE;
     // All of a lane's are of one input channel.
+    uint first = SHARED_FIRST(4 * NV);
     uint from = base + first / NV * PACKED_NV + first % NV;
-    [[unroll]] for (int i = 0; i < PER_LANE; ++i) lane_weights[i] = LOAD_WEIGHTS(weights, from + i);
+    [[unroll]] for (int i = 0; i < PER_LANE(4 * NV); ++i) lane_weights[i] = LOAD_WEIGHTS(weights, from + i);
 }
-#define WEIGHT(weights, base, k, n) \
-    subgroupShuffle(lane_weights[((k) * NV + (n)) % PER_LANE], uint(((k) * NV + (n)) / PER_LANE))
+#define WEIGHT(weights, base, k, n) SHARED(lane_weights, 4 * NV, (k) * NV + (n))
 #else
 #define fetch_weights(weights, base)
 #define WEIGHT(weights, base, k, n) LOAD_WEIGHTS(weights, (base) + (k) * PACKED_NV + (n))

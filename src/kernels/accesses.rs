@@ -108,7 +108,7 @@ impl Block {
     /// Loads of the weights of four input channels: all of them, or an eighth where the lanes hand them round.
     fn weight_loads(&self, contract: &Contract) -> u64 {
         let vectors = 4 * self.vectors;
-        if contract.has("WEIGHTS_SHARED") { vectors.div_ceil(8) } else { vectors }
+        if contract.has("LANES_SHARE") { vectors.div_ceil(8) } else { vectors }
     }
 
     /// Invocations for `tiles` of 8x8 tokens and `channels`.
@@ -142,7 +142,7 @@ fn winograd3x3(call: &Winograd3x3, contract: &Contract) -> Accesses {
     let (outputs, inputs) = (u64::from(call.tile.outputs()), u64::from(call.tile.inputs()));
     let block = Block { x: outputs * tiles, y: outputs, vectors };
     let conv = &call.conv;
-    let weights = 4 * inputs * inputs / if contract.has("WEIGHTS_SHARED") { 8 } else { 1 };
+    let weights = 4 * inputs * inputs / if contract.has("LANES_SHARE") { 8 } else { 1 };
     let per_four_inputs = inputs * (outputs * tiles + 2) + vectors * weights;
     let loads = vectors
         + u64::from(conv.src.channels / 4) * per_four_inputs
@@ -192,7 +192,7 @@ fn depthwise3x3(call: &Depthwise3x3, contract: &Contract) -> Accesses {
 fn unembed(call: &Unembed, contract: &Contract) -> Accesses {
     let tokens = contract.define("TX");
     let tiles = call.tiles.count(call.src.width, call.src.height);
-    let weights = if contract.has("WEIGHTS_SHARED") { 4 } else { 32 };
+    let weights = if contract.has("LANES_SHARE") { 4 } else { 32 };
     let loads = 1 + 4 * u64::from(call.src.channels / 4) * (tokens + 4 + weights);
     Accesses::each(2 * u64::from(tiles) * u64::from(TILE * TILE) / tokens, loads, 2 * tokens)
 }

@@ -73,6 +73,50 @@ pub enum ConstantValue {
     MatrixDepth,
 }
 
+/// How many lanes of a subgroup load different vectors, and how they hand them round (`glsl/shared/lanes.glsl`). Not a
+/// specialisation constant: CPU drivers would compile indices that become constant only then to slower code.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Sharing {
+    /// Eight, by `subgroupShuffle`.
+    Shuffle8,
+    /// Eight, by `subgroupBroadcast`.
+    Broadcast8,
+    /// Sixteen, by `subgroupBroadcast`.
+    Broadcast16,
+}
+
+impl Sharing {
+    /// All of them.
+    pub const ALL: [Self; 3] = [Self::Shuffle8, Self::Broadcast8, Self::Broadcast16];
+
+    /// What it adds to a variant's name.
+    const fn suffix(self) -> &'static str {
+        match self {
+            Self::Shuffle8 => "",
+            Self::Broadcast8 => "_b8",
+            Self::Broadcast16 => "_b16",
+        }
+    }
+
+    /// What its shader defines beyond the variant's own.
+    const fn defines(self) -> &'static [(&'static str, &'static str)] {
+        match self {
+            Self::Shuffle8 => &[("SHARING", "8")],
+            Self::Broadcast8 => &[("SHARING", "8"), ("BROADCAST", "1")],
+            Self::Broadcast16 => &[("SHARING", "16"), ("BROADCAST", "1")],
+        }
+    }
+}
+
+/// One compiled module of a variant.
+#[derive(Clone)]
+pub struct Module {
+    /// Unique name.
+    pub name: String,
+    /// Preprocessor definitions.
+    pub defines: Vec<(&'static str, &'static str)>,
+}
+
 /// One compiled variant of a kernel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Contract {
@@ -95,8 +139,8 @@ pub struct Contract {
 /// An optional device feature that a variant needs.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Need {
-    /// `subgroupShuffle` and `subgroupVote` in compute shaders, at least 8 invocations a subgroup; `shaderInt64`; texel buffers that may
-    /// begin at every texel.
+    /// `subgroupShuffle`, `subgroupBroadcast` and `subgroupVote` in compute shaders, at least 8 invocations a subgroup;
+    /// `subgroupBroadcastDynamicId`; `shaderInt64`; texel buffers that may begin at every texel.
     CpuDriver,
     /// `storageBuffer16BitAccess`.
     Storage16,
@@ -110,7 +154,7 @@ impl std::fmt::Display for Need {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(match self {
             Self::CpuDriver => {
-                "subgroupShuffle over 8 lanes, subgroupVote, shaderInt64 and minTexelBufferOffsetAlignment 16"
+                "subgroupShuffle over 8 lanes, subgroupVote, subgroupBroadcastDynamicId, shaderInt64 and minTexelBufferOffsetAlignment 16"
             }
             Self::Storage16 => "storageBuffer16BitAccess",
             Self::Float16 => "shaderFloat16",
@@ -120,6 +164,16 @@ impl std::fmt::Display for Need {
 }
 
 impl Contract {
+    /// The module of the variant for a device whose lanes share like this: the same for all where they do not.
+    pub fn module(&self, sharing: Sharing) -> Module {
+        let mut module = Module { name: self.name.to_owned(), defines: self.defines.to_vec() };
+        if self.has("LANES_SHARE") {
+            module.name += sharing.suffix();
+            module.defines.extend(sharing.defines());
+        }
+        module
+    }
+
     /// The number that the variant defines as `name`; 0 where it defines none.
     pub fn define(&self, name: &str) -> u64 {
         let value = self.defines.iter().find(|(key, _)| *key == name).and_then(|(_, value)| value.parse().ok());

@@ -105,7 +105,7 @@ macro_rules! contracts {
 }
 
 // TX x TY outputs and 4 * NV channels an invocation: 2x2 keeps a GPU's registers, more suits CPU drivers, on which a
-// load costs more than the arithmetic it feeds: there lanes share weights (WEIGHTS_SHARED) and load whole vectors (TEXELS).
+// load costs more than the arithmetic it feeds: there lanes share what they load (LANES_SHARE) and load whole vectors (TEXELS).
 contracts! {
     stored {
         /// Convolution, stride 1, tiles of 32 channels.
@@ -113,19 +113,19 @@ contracts! {
             { "STRIDE": "1", "TX": "2", "TY": "2", "NV": "8" } &[], &[], HALVES;
         /// The same for CPU drivers.
         CONV3X3_CPU = "conv3x3_cpu" "conv3x3.comp" Conv3x3Push
-            { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_SHARED": "1", "TEXELS": "1", "TAP_BY_TAP": "1" } CONV_TEXELS, CPU, CPU_HALVES;
+            { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "8", "LANES_SHARE": "1", "TEXELS": "1", "TAP_BY_TAP": "1" } CONV_TEXELS, CPU, CPU_HALVES;
         /// Convolution, stride 2.
         CONV3X3_S2 = "conv3x3_s2" "conv3x3.comp" Conv3x3Push
             { "STRIDE": "2", "TX": "2", "TY": "2", "NV": "8" } &[], &[], HALVES;
         /// The same for CPU drivers.
         CONV3X3_S2_CPU = "conv3x3_s2_cpu" "conv3x3.comp" Conv3x3Push
-            { "STRIDE": "2", "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_SHARED": "1", "TEXELS": "1", "TAP_BY_TAP": "1" } CONV_TEXELS, CPU, CPU_HALVES;
+            { "STRIDE": "2", "TX": "4", "TY": "2", "NV": "8", "LANES_SHARE": "1", "TEXELS": "1", "TAP_BY_TAP": "1" } CONV_TEXELS, CPU, CPU_HALVES;
         /// Convolution, stride 1, to at most 16 channels.
         CONV3X3_N16 = "conv3x3_n16" "conv3x3.comp" Conv3x3Push
             { "STRIDE": "1", "TX": "2", "TY": "2", "NV": "4", "PACKED_NV": "8" } &[], &[], HALVES;
         /// The same for CPU drivers.
         CONV3X3_N16_CPU = "conv3x3_n16_cpu" "conv3x3.comp" Conv3x3Push
-            { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "4", "PACKED_NV": "8", "WEIGHTS_SHARED": "1", "TEXELS": "1", "TAP_BY_TAP": "1" } CONV_TEXELS, CPU, CPU_HALVES;
+            { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "4", "PACKED_NV": "8", "LANES_SHARE": "1", "TEXELS": "1", "TAP_BY_TAP": "1" } CONV_TEXELS, CPU, CPU_HALVES;
         /// Convolution to at most 4 channels.
         CONV3X3_N4 = "conv3x3_n4" "conv3x3.comp" Conv3x3Push
             { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "1" } &[], &[], HALVES;
@@ -136,57 +136,57 @@ contracts! {
         WINOGRAD3X3_F2 = "winograd3x3_f2" "winograd3x3.comp" Conv3x3Push { "OUT": "2", "TX": "1", "NV": "2" } &[], &[], HALVES;
         /// The same for CPU drivers.
         WINOGRAD3X3_F2_CPU = "winograd3x3_f2_cpu" "winograd3x3.comp" Conv3x3Push
-            { "OUT": "2", "TX": "2", "NV": "2", "WEIGHTS_SHARED": "1", "TEXELS": "1" } CONV_TEXELS, CPU, CPU_HALVES;
+            { "OUT": "2", "TX": "2", "NV": "2", "LANES_SHARE": "1", "TEXELS": "1" } CONV_TEXELS, CPU, CPU_HALVES;
         /// Convolution by F(4x4, 3x3).
         WINOGRAD3X3_F4 = "winograd3x3_f4" "winograd3x3.comp" Conv3x3Push { "OUT": "4", "TX": "1", "NV": "1" } &[], &[], HALVES;
         /// The same for CPU drivers.
         WINOGRAD3X3_F4_CPU = "winograd3x3_f4_cpu" "winograd3x3.comp" Conv3x3Push
-            { "OUT": "4", "TX": "1", "NV": "2", "WEIGHTS_SHARED": "1", "TEXELS": "1" } CONV_TEXELS, CPU, CPU_HALVES;
+            { "OUT": "4", "TX": "1", "NV": "2", "LANES_SHARE": "1", "TEXELS": "1" } CONV_TEXELS, CPU, CPU_HALVES;
         /// Depthwise and pointwise convolution in one, tiles of 32 channels.
         SEPARABLE3X3 = "separable3x3" "separable3x3.comp" Separable3x3Push { "TX": "2", "TY": "2", "NV": "8" } &[], &[], HALVES;
         /// The same for CPU drivers.
         SEPARABLE3X3_CPU = "separable3x3_cpu" "separable3x3.comp" Separable3x3Push
-            { "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_SHARED": "1", "TEXELS": "1" } SEPARABLE_TEXELS, CPU, CPU_HALVES;
+            { "TX": "4", "TY": "2", "NV": "8", "LANES_SHARE": "1", "TEXELS": "1" } SEPARABLE_TEXELS, CPU, CPU_HALVES;
         /// Pointwise convolution, tiles of 32 channels.
         LINEAR = "linear" "linear.comp" LinearPush { "TX": "2", "TY": "2", "NV": "8" } &[], &[], HALVES;
         /// The same for CPU drivers.
         LINEAR_CPU = "linear_cpu" "linear.comp" LinearPush
-            { "TX": "4", "TY": "2", "NV": "8", "WEIGHTS_SHARED": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES;
+            { "TX": "4", "TY": "2", "NV": "8", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES;
         /// Pointwise convolution of normed tokens.
         LINEAR_NORM = "linear_norm" "linear.comp" LinearPush { "TX": "2", "TY": "2", "NV": "8", "NORM": "1" } &[], &[], HALVES;
         /// Pointwise convolution from 8 channels, held, for CPU drivers.
         LINEAR_K8_CPU = "linear_k8_cpu" "linear_stationary.comp" LinearPush
-            { "TX": "4", "TY": "2", "INPUTS": "2", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES;
+            { "TX": "4", "TY": "2", "INPUTS": "2", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES;
         /// Pointwise convolution from 16 channels, held, for CPU drivers.
         LINEAR_K16_CPU = "linear_k16_cpu" "linear_stationary.comp" LinearPush
-            { "TX": "4", "TY": "2", "INPUTS": "4", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES;
+            { "TX": "4", "TY": "2", "INPUTS": "4", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES;
         /// The same of normed tokens.
         LINEAR_K16_NORM_CPU = "linear_k16_norm_cpu" "linear_stationary.comp" LinearPush
-            { "TX": "4", "TY": "2", "INPUTS": "4", "NORM": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES;
+            { "TX": "4", "TY": "2", "INPUTS": "4", "NORM": "1", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES;
         /// Pointwise convolution from 32 channels, held, for CPU drivers.
         LINEAR_K32_CPU = "linear_k32_cpu" "linear_stationary.comp" LinearPush
-            { "TX": "4", "TY": "2", "INPUTS": "8", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES;
+            { "TX": "4", "TY": "2", "INPUTS": "8", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES;
         /// The same of normed tokens.
         LINEAR_K32_NORM_CPU = "linear_k32_norm_cpu" "linear_stationary.comp" LinearPush
-            { "TX": "4", "TY": "2", "INPUTS": "8", "NORM": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES;
+            { "TX": "4", "TY": "2", "INPUTS": "8", "NORM": "1", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES;
         /// Pointwise convolution from 64 channels, held, for CPU drivers.
         LINEAR_K64_CPU = "linear_k64_cpu" "linear_stationary.comp" LinearPush
-            { "TX": "2", "TY": "2", "INPUTS": "16", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES;
+            { "TX": "2", "TY": "2", "INPUTS": "16", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES;
         /// The same of normed tokens.
         LINEAR_K64_NORM_CPU = "linear_k64_norm_cpu" "linear_stationary.comp" LinearPush
-            { "TX": "2", "TY": "2", "INPUTS": "16", "NORM": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES;
+            { "TX": "2", "TY": "2", "INPUTS": "16", "NORM": "1", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES;
         /// The same from two maps.
         LINEAR_K64_TWO_CPU = "linear_k64_two_cpu" "linear_stationary.comp" LinearPush
-            { "TX": "2", "TY": "2", "INPUTS": "16", "TWO_SOURCES": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES;
+            { "TX": "2", "TY": "2", "INPUTS": "16", "TWO_SOURCES": "1", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES;
         /// Pointwise convolution from 128 channels, held, for CPU drivers.
         LINEAR_K128_CPU = "linear_k128_cpu" "linear_stationary.comp" LinearPush
-            { "TX": "2", "TY": "1", "INPUTS": "32", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES;
+            { "TX": "2", "TY": "1", "INPUTS": "32", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES;
         /// The same of normed tokens.
         LINEAR_K128_NORM_CPU = "linear_k128_norm_cpu" "linear_stationary.comp" LinearPush
-            { "TX": "2", "TY": "1", "INPUTS": "32", "NORM": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES;
+            { "TX": "2", "TY": "1", "INPUTS": "32", "NORM": "1", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES;
         /// The same from two maps.
         LINEAR_K128_TWO_CPU = "linear_k128_two_cpu" "linear_stationary.comp" LinearPush
-            { "TX": "2", "TY": "1", "INPUTS": "32", "TWO_SOURCES": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES;
+            { "TX": "2", "TY": "1", "INPUTS": "32", "TWO_SOURCES": "1", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES;
         /// Depthwise convolution.
         DEPTHWISE3X3 = "depthwise3x3" "depthwise3x3.comp" Depthwise3x3Push { "TX": "4", "TY": "2" } &[], &[], HALVES;
         /// The same for CPU drivers.
@@ -203,13 +203,13 @@ contracts! {
             { "TEXELS": "1" } ATTENTION_TEXELS, CPU, CPU_HALVES;
         /// Joint window attention, 8 channels of keys and 16 of values, for CPU drivers.
         WINDOW_ATTENTION_V16_CPU = "window_attention_v16_cpu" "window_attention_rows.comp" WindowAttentionPush
-            { "KEYS": "2", "VALUES": "4", "QUERIES": "2", "TEXELS": "1" } ATTENTION_TEXELS, CPU, CPU_HALVES;
+            { "KEYS": "2", "VALUES": "4", "QUERIES": "2", "LANES_SHARE": "1", "TEXELS": "1" } ATTENTION_TEXELS, CPU, CPU_HALVES;
         /// Joint window attention, 16 channels of keys and 32 of values, for CPU drivers.
         WINDOW_ATTENTION_V32_CPU = "window_attention_v32_cpu" "window_attention_rows.comp" WindowAttentionPush
-            { "KEYS": "4", "VALUES": "8", "QUERIES": "1", "TEXELS": "1" } ATTENTION_TEXELS, CPU, CPU_HALVES;
+            { "KEYS": "4", "VALUES": "8", "QUERIES": "1", "LANES_SHARE": "1", "TEXELS": "1" } ATTENTION_TEXELS, CPU, CPU_HALVES;
         /// Joint window attention, 32 channels of keys and 64 of values, for CPU drivers.
         WINDOW_ATTENTION_V64_CPU = "window_attention_v64_cpu" "window_attention_rows.comp" WindowAttentionPush
-            { "KEYS": "8", "VALUES": "16", "QUERIES": "1", "TEXELS": "1" } ATTENTION_TEXELS, CPU, CPU_HALVES;
+            { "KEYS": "8", "VALUES": "16", "QUERIES": "1", "LANES_SHARE": "1", "TEXELS": "1" } ATTENTION_TEXELS, CPU, CPU_HALVES;
         /// A small map made large.
         EXPAND = "expand" "expand.comp" ExpandPush {} &[], &[], HALVES;
         /// The same for CPU drivers.
@@ -236,7 +236,7 @@ contracts! {
         UNEMBED_FROM_F16 = "unembed_from_f16" "unembed.comp" UnembedPush { "TX": "4", "SRC_F16": "1" } &[], &[];
         /// The same for CPU drivers, from a map of either.
         UNEMBED_CPU = "unembed_cpu" "unembed.comp" UnembedPush
-            { "TX": "8", "WEIGHTS_SHARED": "1", "TEXELS": "1" } MAP_TEXELS, CPU;
+            { "TX": "8", "LANES_SHARE": "1", "TEXELS": "1" } MAP_TEXELS, CPU;
         /// Convolution on cooperative matrices, stride 1.
         CONV3X3_MATRIX = "conv3x3_matrix" "conv3x3_matrix.comp" Conv3x3Push { "STRIDE": "1" } &[], MATRIX, MATRIX_CONSTANTS;
         /// Convolution on cooperative matrices, stride 2.

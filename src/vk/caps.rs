@@ -1,7 +1,7 @@
 //! What a device can do, and what the denoiser needs of it.
 
 use super::matrix::{self, MatrixShape};
-use crate::kernels::contract::{ConstantValue, Need};
+use crate::kernels::contract::{ConstantValue, Need, Sharing};
 use ash::vk;
 use std::fmt;
 
@@ -70,6 +70,8 @@ pub struct Caps {
     pub subgroup_shuffle: bool,
     /// `subgroupAny` in compute shaders.
     pub subgroup_vote: bool,
+    /// `subgroupBroadcast` in compute shaders, from any lane (`subgroupBroadcastDynamicId`, enabled).
+    pub subgroup_broadcast: bool,
     /// Texels that a texel buffer may have.
     pub max_texels: u32,
     /// Whether a texel buffer of 16-byte texels may begin at each of them.
@@ -103,10 +105,16 @@ pub struct Identity {
     pub driver: u32,
     /// `pipelineCacheUUID`: changes with the driver's compiler.
     pub uuid: [u8; 16],
+    /// Invocations of a subgroup, which some CPU drivers can be told.
+    pub subgroup: u32,
 }
 
-/// Smallest subgroup of [`Need::CpuDriver`]: eight lanes share weights.
+/// Smallest subgroup of [`Need::CpuDriver`]: so many lanes share what they load.
 const SHARING_LANES: u32 = 8;
+
+/// From this Mesa on lavapipe's `subgroupBroadcast` is one instruction. Before, it looks for an active lane in a loop;
+/// `subgroupShuffle` is one instruction over eight lanes, a loop over sixteen.
+const BROADCASTING_MESA: u32 = 25;
 
 /// Size of a texel: four 32-bit floats.
 pub(crate) const TEXEL_BYTES: u64 = 16;
@@ -137,12 +145,22 @@ impl Caps {
         })
     }
 
+    /// How lanes of a subgroup hand each other what they loaded, with [`Need::CpuDriver`].
+    pub(crate) fn sharing(&self) -> Sharing {
+        match self.lavapipe {
+            Some(mesa) if mesa >= BROADCASTING_MESA && self.subgroup_size >= 16 => Sharing::Broadcast16,
+            Some(mesa) if mesa >= BROADCASTING_MESA => Sharing::Broadcast8,
+            _ => Sharing::Shuffle8,
+        }
+    }
+
     /// Whether the device has what a kernel variant needs beyond the portable set.
     pub fn meets(&self, need: Need) -> bool {
         match need {
             Need::CpuDriver => {
                 self.subgroup_shuffle
                     && self.subgroup_vote
+                    && self.subgroup_broadcast
                     && self.subgroup_size >= SHARING_LANES
                     && self.int64
                     && self.texels_anywhere
@@ -177,7 +195,7 @@ pub(crate) fn requirements() -> Requirements {
         api_version: (1, 2),
         extensions: Vec::new(),
         features: vec!["bufferDeviceAddress"],
-        optional_features: vec!["storageBuffer16BitAccess", "shaderInt64", "hostQueryReset"],
+        optional_features: vec!["storageBuffer16BitAccess", "shaderInt64", "subgroupBroadcastDynamicId", "hostQueryReset"],
         matrix_extensions: matrix::EXTENSIONS.iter().filter_map(|name| name.to_str().ok()).collect(),
         matrix_features: matrix::FEATURES.to_vec(),
     }
@@ -270,6 +288,8 @@ pub(crate) fn inspect(instance: &ash::Instance, physical: vk::PhysicalDevice, in
         subgroup_size: subgroup.subgroup_size,
         subgroup_shuffle: in_subgroups(vk::SubgroupFeatureFlags::SHUFFLE),
         subgroup_vote: in_subgroups(vk::SubgroupFeatureFlags::VOTE),
+        subgroup_broadcast: in_subgroups(vk::SubgroupFeatureFlags::BALLOT)
+            && features12.subgroup_broadcast_dynamic_id == vk::TRUE,
         max_texels: limits.max_texel_buffer_elements,
         texels_anywhere: limits.min_texel_buffer_offset_alignment <= TEXEL_BYTES,
         int64: features10.shader_int64 == vk::TRUE,
@@ -286,6 +306,7 @@ pub(crate) fn inspect(instance: &ash::Instance, physical: vk::PhysicalDevice, in
             device: base.device_id,
             driver: base.driver_version,
             uuid: base.pipeline_cache_uuid,
+            subgroup: subgroup.subgroup_size,
         },
     };
     (info, caps)

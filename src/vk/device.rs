@@ -50,6 +50,8 @@ pub struct RendererDevice {
     pub storage_buffer_16bit: bool,
     /// Whether `shaderInt64` was enabled: CPU drivers then run faster.
     pub shader_int64: bool,
+    /// Whether `subgroupBroadcastDynamicId` was enabled: CPU drivers then run faster.
+    pub subgroup_broadcast_dynamic_id: bool,
     /// Whether `hostQueryReset` was enabled: [`crate::Profiler`] needs it.
     pub host_query_reset: bool,
     /// The functions of `VK_KHR_cooperative_matrix`, where it was enabled together with all of
@@ -151,6 +153,7 @@ impl Device {
             .buffer_device_address(true)
             .shader_float16(caps.float16)
             .host_query_reset(caps.host_query_reset)
+            .subgroup_broadcast_dynamic_id(caps.subgroup_broadcast)
             .vulkan_memory_model(caps.matrix.is_some())
             .vulkan_memory_model_device_scope(caps.matrix.is_some());
         let mut features11 = vk::PhysicalDeviceVulkan11Features::default().storage_buffer16_bit_access(caps.storage16);
@@ -222,6 +225,7 @@ impl Device {
             queue_family,
             storage_buffer_16bit,
             shader_int64,
+            subgroup_broadcast_dynamic_id,
             host_query_reset,
             cooperative_matrix,
             cache,
@@ -242,6 +246,7 @@ impl Device {
         }
         let caps = Caps {
             int64: caps.int64 && shader_int64,
+            subgroup_broadcast: caps.subgroup_broadcast && subgroup_broadcast_dynamic_id,
             storage16: caps.storage16 && storage_buffer_16bit,
             float16: false,
             host_query_reset: caps.host_query_reset && host_query_reset,

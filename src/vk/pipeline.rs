@@ -51,7 +51,7 @@ impl Pipeline {
         // SAFETY: as above.
         pipeline.layout = unsafe { vk_device.create_pipeline_layout(&info, None) }.called("vkCreatePipelineLayout")?;
 
-        let words = crate::kernels::spirv::words(contract.name);
+        let words = crate::kernels::spirv::words(&contract.module(device.caps().sharing()));
         let info = vk::ShaderModuleCreateInfo::default().code(words);
         // SAFETY: `words` is SPIR-V that the build compiled and validated.
         let module = unsafe { vk_device.create_shader_module(&info, None) }.called("vkCreateShaderModule")?;

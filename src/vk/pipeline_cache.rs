@@ -59,7 +59,7 @@ mod tests {
 
     #[test]
     fn data_of_another_device_or_driver_are_not_given_to_this_one() {
-        let identity = Identity { vendor: 5, device: 6, driver: 7, uuid: [9; 16] };
+        let identity = Identity { vendor: 5, device: 6, driver: 7, uuid: [9; 16], subgroup: 8 };
         let mut data: Vec<u8> = [32u32, 1, 5, 6].iter().flat_map(|field| field.to_ne_bytes()).collect();
         data.extend([9; 16]);
         assert!(!is_of(&data, &identity), "nothing but a header");

@@ -14,6 +14,7 @@ pub struct Renderer {
     pub queue_family: u32,
     pub storage16: bool,
     pub int64: bool,
+    broadcast_dynamic_id: bool,
     pub host_query_reset: bool,
     matrices: bool,
     queue: vk::Queue,
@@ -84,6 +85,7 @@ impl Renderer {
                 vk::PhysicalDeviceFeatures2::default().push_next(&mut available11).push_next(&mut available12);
             instance.get_physical_device_features2(physical_device, &mut available);
             let storage16 = available11.storage_buffer16_bit_access == vk::TRUE;
+            let broadcast_dynamic_id = available12.subgroup_broadcast_dynamic_id == vk::TRUE;
             let host_query_reset = available12.host_query_reset == vk::TRUE;
             let int64 = instance.get_physical_device_features(physical_device).shader_int64 == vk::TRUE;
             assert_eq!(Device::requirements().features, ["bufferDeviceAddress"]);
@@ -92,6 +94,7 @@ impl Renderer {
             let mut features12 = vk::PhysicalDeviceVulkan12Features::default()
                 .buffer_device_address(true)
                 .host_query_reset(host_query_reset)
+                .subgroup_broadcast_dynamic_id(broadcast_dynamic_id)
                 .shader_float16(matrices)
                 .vulkan_memory_model(matrices)
                 .vulkan_memory_model_device_scope(matrices);
@@ -125,6 +128,7 @@ impl Renderer {
                 queue_family,
                 storage16,
                 int64,
+                broadcast_dynamic_id,
                 host_query_reset,
                 matrices,
                 queue,
@@ -144,6 +148,7 @@ impl Renderer {
             queue_family: self.queue_family,
             storage_buffer_16bit: self.storage16,
             shader_int64: self.int64,
+            subgroup_broadcast_dynamic_id: self.broadcast_dynamic_id,
             host_query_reset: self.host_query_reset,
             cooperative_matrix: self
                 .matrices
