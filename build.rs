@@ -43,7 +43,8 @@ fn build() -> Result<(), String> {
             (&module.name, &words).hash(&mut hash);
             let file = out.join(format!("{}.in", module.name));
             fs::write(&file, format!("{words:?}")).map_err(|e| format!("{}: {e}", file.display()))?;
-            writeln!(modules, "    ({:?}, &include!({:?})),", module.name, file.display()).map_err(|e| e.to_string())?;
+            writeln!(modules, "    ({:?}, &include!({:?})),", module.name, file.display())
+                .map_err(|e| e.to_string())?;
         }
     }
     writeln!(modules, "];\n/// Changes with any of the modules.\npub const HASH: u64 = {};", hash.finish())

@@ -40,10 +40,22 @@ layout(push_constant) uniform Push {
 const uint LANES_X = 8 / TX;
 const uint LANES = 64 / PIXELS;                // invocations per tile
 
-// Three taps of a row share what they load. TAP_BY_TAP loads for every tap anew, which keeps the loop a third as long:
-// with wide tiles CPU drivers unroll it beyond the instruction cache.
+// Three taps of a row share what they load. ROLLED keeps a turn of the loop to one tap: CPU drivers are slowed by a turn that
+// is longer than their processor's cache of decoded instructions. The taps then share by moving what was loaded.
 const int PATCH_X = (TX - 1) * STRIDE + 3;
 vec4 row[TY * PATCH_X];
+
+// Row `number` of `rows` from the inputs to the right of `from`.
+#define LOAD_ROW(rows, number, from, k) { \
+    ivec2 at = from; \
+    bool row_inside = at.y >= 0 && at.y < int(src_height); \
+    uint row_base = uint(clamp(at.y, 0, int(src_height) - 1)) * src_width; \
+    [[unroll]] for (int x = 0; x < PATCH_X; ++x) { \
+        bool inside = row_inside && at.x + x >= 0 && at.x + x < int(src_width); \
+        uint index = (row_base + uint(clamp(at.x + x, 0, int(src_width) - 1))) * src_stride + k; \
+        rows[(number) * PATCH_X + x] = LOAD_WHERE(inside, src, index); \
+    } \
+}
 
 void main() {
     uint slot = group_index() * (64u / LANES) + gl_LocalInvocationID.x / LANES;
@@ -58,35 +70,29 @@ void main() {
     clear_accumulators(weights, tile_n);
     uint weight_base = bias_vectors + tile_n * 9u * src_channels * BLOCK;
     ivec2 corner = base * STRIDE - 1;
-#ifdef TAP_BY_TAP
-    for (int tap = 0; tap < 9; ++tap) {
-        uint from[PIXELS];
-        bool inside[PIXELS];
-        [[unroll]] for (int p = 0; p < PIXELS; ++p) {
-            ivec2 at = corner + ivec2(tap % 3, tap / 3) + ivec2(p % TX, p / TX) * STRIDE;
-            inside[p] = at.x >= 0 && at.x < int(src_width) && at.y >= 0 && at.y < int(src_height);
-            from[p] = inside[p] ? uint(at.y * int(src_width) + at.x) * src_stride : 0u;
-        }
-        for (uint k = 0u; k < src_channels; ++k) {
-            [[unroll]] for (int p = 0; p < PIXELS; ++p) row[p] = LOAD_WHERE(inside[p], src, from[p] + k);
-#define TAP_PIXEL(p) row[p]
-            MULTIPLY_ADD(weights, weight_base + (tap * src_channels + k) * BLOCK, TAP_PIXEL)
+#ifdef ROLLED
+    const int ROWS = (TY - 1) * STRIDE + 1;        // of inputs that the tokens need at a time
+    for (uint k = 0u; k < src_channels; ++k) {
+        vec4 rows[ROWS * PATCH_X];
+        [[unroll]] for (int y = 1; y < ROWS; ++y) LOAD_ROW(rows, y, corner + ivec2(0, y - 1), k);
+        [[dont_unroll]] for (int ky = 0; ky < 3; ++ky) {
+            [[unroll]] for (int i = 0; i < (ROWS - 1) * PATCH_X; ++i) rows[i] = rows[i + PATCH_X];
+            LOAD_ROW(rows, ROWS - 1, corner + ivec2(0, ROWS - 1 + ky), k);
+            [[unroll]] for (int y = 0; y < TY; ++y) {
+                [[unroll]] for (int x = 0; x < PATCH_X; ++x) row[y * PATCH_X + x] = rows[y * STRIDE * PATCH_X + x];
+            }
+            [[dont_unroll]] for (int kx = 0; kx < 3; ++kx) {
+                uint block_base = weight_base + (uint(ky * 3 + kx) * src_channels + k) * BLOCK;
+#define MOVED(p) row[(p) / TX * PATCH_X + (p) % TX * STRIDE]
+                MULTIPLY_ADD(weights, block_base, MOVED)
+                [[unroll]] for (int i = 0; i < TY * PATCH_X - 1; ++i) row[i] = row[i + 1];
+            }
         }
     }
 #else
     for (int ky = 0; ky < 3; ++ky) {
         for (uint k = 0u; k < src_channels; ++k) {
-            [[unroll]] for (int y = 0; y < TY; ++y) {
-                int sy = corner.y + y * STRIDE + ky;
-                bool row_inside = sy >= 0 && sy < int(src_height);
-                uint row_base = uint(clamp(sy, 0, int(src_height) - 1)) * src_width;
-                [[unroll]] for (int x = 0; x < PATCH_X; ++x) {
-                    int sx = corner.x + x;
-                    bool inside = row_inside && sx >= 0 && sx < int(src_width);
-                    uint index = (row_base + uint(clamp(sx, 0, int(src_width) - 1))) * src_stride + k;
-                    row[y * PATCH_X + x] = LOAD_WHERE(inside, src, index);
-                }
-            }
+            [[unroll]] for (int y = 0; y < TY; ++y) LOAD_ROW(row, y, corner + ivec2(0, y * STRIDE + ky), k);
             [[unroll]] for (int kx = 0; kx < 3; ++kx) {
                 uint block_base = weight_base + ((ky * 3 + kx) * src_channels + k) * BLOCK;
 #define PATCH(p) row[((p) / TX) * PATCH_X + ((p) % TX) * STRIDE + kx]
@@ -97,11 +103,11 @@ void main() {
 #endif
     if (!live) return;
 
-    [[unroll]] for (int p = 0; p < PIXELS; ++p) {
-        uvec2 at = uvec2(base + ivec2(p % TX, p / TX));
-        [[unroll]] for (int n = 0; n < NV; ++n) {
-            uint channel = tile_n * NV + n;
-            if (channel < dst_channels) store_result(at, channel, accumulators[p * NV + n]);
+    [[unroll]] for (int n = 0; n < NV; ++n) {
+        uint channel = tile_n * NV + n;
+        if (channel >= dst_channels) continue;
+        [[unroll]] for (int p = 0; p < PIXELS; ++p) {
+            store_result(uvec2(base + ivec2(p % TX, p / TX)), channel, accumulators[p * NV + n]);
         }
     }
 }

@@ -7,6 +7,7 @@
 #version 460
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"
+#define EPILOGUE_ID 4         // after those of matrix.glsl
 #include "shared/epilogue.glsl"
 #include "shared/matrix.glsl"
 

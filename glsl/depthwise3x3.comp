@@ -60,6 +60,6 @@ void main() {
     }
     [[unroll]] for (int p = 0; p < TX * TY; ++p) {
         uint pixel = uint((base.y + p / TX) * int(width) + base.x + p % TX);
-        STORE(dst, pixel * dst_stride + channel, activate(sums[p], flags));
+        STORE(dst, pixel * dst_stride + channel, activate(sums[p], EPILOGUE));
     }
 }

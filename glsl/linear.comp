@@ -91,14 +91,14 @@ void main() {
     ADD_SOURCE(src_b)
     if (!live) return;
 
-    [[unroll]] for (int p = 0; p < PIXELS; ++p) {
-        [[unroll]] for (int n = 0; n < NV; ++n) {
-            uint channel = tile_n * NV + n;
-            if (channel >= dst_channels) continue;
+    [[unroll]] for (int n = 0; n < NV; ++n) {
+        uint channel = tile_n * NV + n;
+        if (channel >= dst_channels) continue;
+        [[unroll]] for (int p = 0; p < PIXELS; ++p) {
             vec4 value = accumulators[p * NV + n];
-            if ((flags & FLAG_FILM) != 0u) value = LOAD_WEIGHTS(film, channel) * value + LOAD_WEIGHTS(film, dst_channels + channel);
-            if ((flags & FLAG_RESIDUAL) != 0u) value += LOAD(residual, pixels[p] * residual_stride + channel);
-            STORE(dst, pixels[p] * dst_stride + channel, activate(value, flags));
+            if ((EPILOGUE & FLAG_FILM) != 0u) value = LOAD_WEIGHTS(film, channel) * value + LOAD_WEIGHTS(film, dst_channels + channel);
+            if ((EPILOGUE & FLAG_RESIDUAL) != 0u) value += LOAD(residual, pixels[p] * residual_stride + channel);
+            STORE(dst, pixels[p] * dst_stride + channel, activate(value, EPILOGUE));
         }
     }
 }

@@ -3,6 +3,7 @@
 #version 460
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"
+#define EPILOGUE_ID 4         // after those of matrix.glsl
 #include "shared/epilogue.glsl"
 #include "shared/matrix.glsl"
 
@@ -43,9 +44,9 @@ vec4 input_vector(uint pixel, uint k) {
 
 void finish(uvec2 at, uint channel, vec4 value) {
     uint pixel = at.y * width + at.x;
-    if ((flags & FLAG_FILM) != 0u) value = LOAD_WEIGHTS(film, channel) * value + LOAD_WEIGHTS(film, dst_channels + channel);
-    if ((flags & FLAG_RESIDUAL) != 0u) value += LOAD(residual, pixel * residual_stride + channel);
-    STORE(dst, pixel * dst_stride + channel, activate(value, flags));
+    if ((EPILOGUE & FLAG_FILM) != 0u) value = LOAD_WEIGHTS(film, channel) * value + LOAD_WEIGHTS(film, dst_channels + channel);
+    if ((EPILOGUE & FLAG_RESIDUAL) != 0u) value += LOAD(residual, pixel * residual_stride + channel);
+    STORE(dst, pixel * dst_stride + channel, activate(value, EPILOGUE));
 }
 
 void main() {

@@ -97,12 +97,11 @@ void main() {
             vec4 w = FROM_LANE(lane_weights[k / SHARING], uint(k % SHARING));
             [[unroll]] for (int p = 0; p < PIXELS; ++p) sums[p] += inputs[p * INPUTS + k / 4][k % 4] * w;
         }
-        if (!live) continue;
         [[unroll]] for (int p = 0; p < PIXELS; ++p) {
             vec4 value = sums[p];
-            if ((flags & FLAG_FILM) != 0u) value = LOAD_WEIGHTS(film, n) * value + LOAD_WEIGHTS(film, dst_channels + n);
-            if ((flags & FLAG_RESIDUAL) != 0u) value += LOAD(residual, pixels[p] * residual_stride + n);
-            STORE(dst, pixels[p] * dst_stride + n, activate(value, flags));
+            if ((EPILOGUE & FLAG_FILM) != 0u) value = LOAD_WEIGHTS(film, n) * value + LOAD_WEIGHTS(film, dst_channels + n);
+            if ((EPILOGUE & FLAG_RESIDUAL) != 0u) value += LOAD(residual, pixels[p] * residual_stride + n);
+            if (live) STORE(dst, pixels[p] * dst_stride + n, activate(value, EPILOGUE));
         }
     }
 }

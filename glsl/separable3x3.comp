@@ -34,8 +34,10 @@ layout(push_constant) uniform Push {
     uint first_tile;      // x | y << 16, in half tiles
     uint tile_count;
     uint flags;
-    uint inner_flags;     // the activation between
+    uint unused;
 };
+
+layout(constant_id = 1) const uint INNER_EPILOGUE = 0u;        // the activation between
 
 const uint LANES_X = 8 / TX;
 const uint LANES = 64 / PIXELS;
@@ -78,21 +80,21 @@ void main() {
                 }
             }
         }
-        [[unroll]] for (int p = 0; p < PIXELS; ++p) activations[p] = activate(activations[p], inner_flags);
+        [[unroll]] for (int p = 0; p < PIXELS; ++p) activations[p] = activate(activations[p], INNER_EPILOGUE);
         MULTIPLY_ADD(weights, block_base, ACTIVATION)
         block_base += BLOCK;
     }
     if (!live) return;
 
-    [[unroll]] for (int p = 0; p < PIXELS; ++p) {
-        uint pixel = uint((base.y + p / TX) * int(width) + base.x + p % TX);
-        [[unroll]] for (int n = 0; n < NV; ++n) {
-            uint channel = tile_n * NV + n;
-            if (channel >= dst_channels) continue;
+    [[unroll]] for (int n = 0; n < NV; ++n) {
+        uint channel = tile_n * NV + n;
+        if (channel >= dst_channels) continue;
+        [[unroll]] for (int p = 0; p < PIXELS; ++p) {
+            uint pixel = uint((base.y + p / TX) * int(width) + base.x + p % TX);
             vec4 value = accumulators[p * NV + n];
-            if ((flags & FLAG_FILM) != 0u) value = LOAD_WEIGHTS(film, channel) * value + LOAD_WEIGHTS(film, dst_channels + channel);
-            if ((flags & FLAG_RESIDUAL) != 0u) value += LOAD(residual, pixel * residual_stride + channel);
-            STORE(dst, pixel * dst_stride + channel, activate(value, flags));
+            if ((EPILOGUE & FLAG_FILM) != 0u) value = LOAD_WEIGHTS(film, channel) * value + LOAD_WEIGHTS(film, dst_channels + channel);
+            if ((EPILOGUE & FLAG_RESIDUAL) != 0u) value += LOAD(residual, pixel * residual_stride + channel);
+            STORE(dst, pixel * dst_stride + channel, activate(value, EPILOGUE));
         }
     }
 }

@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::kernels::Variants;
-use crate::kernels::contract::Contract;
+use crate::kernels::contract::{Contract, Epilogue};
 use crate::parallel;
 use crate::plan::Dispatch;
 use crate::vk::device::Device;
@@ -12,7 +12,10 @@ use std::collections::{BTreeMap, HashMap};
 use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
 use std::time::Instant;
 
-type Made = HashMap<&'static str, Arc<Pipeline>>;
+type Made = HashMap<Specialised, Arc<Pipeline>>;
+
+/// A variant's name, and what its pipeline is specialised for.
+type Specialised = (&'static str, Epilogue);
 
 /// The pipelines of a device, made when first asked for and kept.
 pub(crate) struct Pipelines {
@@ -25,12 +28,12 @@ impl Pipelines {
         Self { device: device.clone(), made: Mutex::default() }
     }
 
-    /// The pipeline of a kernel variant.
+    /// The pipeline of a kernel variant without an epilogue.
     ///
     /// # Errors
     /// As [`Pipelines::for_dispatches`].
     pub fn get(&self, contract: &'static Contract) -> Result<Arc<Pipeline>> {
-        Ok(self.of(&[contract])?.swap_remove(0))
+        Ok(self.of(&[(contract, Epilogue::default())])?.swap_remove(0))
     }
 
     /// One pipeline for each dispatch, in order. Those that are not there yet are made side by side: a driver compiles each on
@@ -39,38 +42,42 @@ impl Pipelines {
     /// # Errors
     /// [`Error::Unsupported`] where the device lacks what a variant needs; [`Error::Vulkan`].
     pub fn for_dispatches(&self, dispatches: &[Dispatch], variants: Variants) -> Result<Vec<Arc<Pipeline>>> {
-        let contracts: Vec<_> = dispatches.iter().map(|dispatch| dispatch.call.kernel().contract(variants)).collect();
-        self.of(&contracts)
+        let kernels = dispatches.iter().map(|dispatch| dispatch.call.kernel());
+        let wanted: Vec<_> = kernels.map(|kernel| (kernel.contract(variants), kernel.epilogue())).collect();
+        self.of(&wanted)
     }
 
     /// What the compiler says of every pipeline made so far, by variant.
     pub fn statistics(&self) -> Result<Vec<PipelineStatistic>> {
         let made = self.made();
         let sorted: BTreeMap<_, _> = made.iter().collect();
-        let of_each = sorted.into_iter().map(|(variant, pipeline)| of_pipeline(&self.device, variant, pipeline));
+        let of_each = sorted.into_iter().map(|((variant, epilogue), pipeline)| {
+            of_pipeline(&self.device, &format!("{variant}{epilogue}"), pipeline)
+        });
         Ok(of_each.collect::<Result<Vec<_>>>()?.concat())
     }
 
-    fn of(&self, contracts: &[&'static Contract]) -> Result<Vec<Arc<Pipeline>>> {
+    fn of(&self, wanted: &[(&'static Contract, Epilogue)]) -> Result<Vec<Arc<Pipeline>>> {
+        let key = |(contract, epilogue): &(&'static Contract, Epilogue)| (contract.name, *epilogue);
         let made = self.made();
-        let missing: BTreeMap<_, _> =
-            contracts.iter().filter(|c| !made.contains_key(c.name)).map(|c| (c.name, *c)).collect();
+        let missing: BTreeMap<Specialised, _> =
+            wanted.iter().filter(|one| !made.contains_key(&key(one))).map(|one| (key(one), *one)).collect();
         drop(made);
         if !missing.is_empty() {
             let missing: Vec<_> = missing.into_values().collect();
-            missing.iter().try_for_each(|contract| self.check(contract))?;
+            missing.iter().try_for_each(|(contract, _)| self.check(contract))?;
             let started = Instant::now();
-            let new = parallel::map(&missing, |contract| Pipeline::new(&self.device, contract));
-            for (contract, pipeline) in missing.iter().zip(new) {
+            let new = parallel::map(&missing, |(contract, epilogue)| Pipeline::new(&self.device, contract, *epilogue));
+            for (one, pipeline) in missing.iter().zip(new) {
                 let pipeline = Arc::new(pipeline?);
                 // Another thread may have been faster.
-                self.made().entry(contract.name).or_insert(pipeline);
+                self.made().entry(key(one)).or_insert(pipeline);
             }
             tracing::debug!(count = missing.len(), elapsed = ?started.elapsed(), "pipelines");
             self.device.pipeline_cache().store(self.device.raw());
         }
         let made = self.made();
-        Ok(contracts.iter().map(|contract| Arc::clone(&made[contract.name])).collect())
+        Ok(wanted.iter().map(|one| Arc::clone(&made[&key(one)])).collect())
     }
 
     fn check(&self, contract: &Contract) -> Result<()> {

@@ -126,9 +126,10 @@ fn epilogue_loads(film: bool, residual: bool) -> u64 {
 fn conv3x3(call: &Conv3x3, contract: &Contract) -> Accesses {
     let (block, stride) = (Block::of(contract), u64::from(call.stride));
     let (width, height) = call.result_size();
-    // A row of taps shares what it loads, or every tap loads its own.
-    let row = if contract.has("TAP_BY_TAP") { 3 * block.x } else { (block.x - 1) * stride + 3 };
-    let per_four_inputs = 3 * (block.y * row + 3 * block.weight_loads(contract));
+    // All taps share what they load, or those of a row do.
+    let [columns, rows] = [block.x, block.y].map(|outputs| (outputs - 1) * stride + 3);
+    let inputs = if contract.has("ROLLED") { rows } else { 3 * block.y } * columns;
+    let per_four_inputs = inputs + 9 * block.weight_loads(contract);
     let loads = block.vectors
         + u64::from(call.src.channels / 4) * per_four_inputs
         + block.outputs() * epilogue_loads(call.film.is_some(), call.residual.is_some());

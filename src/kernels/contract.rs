@@ -60,7 +60,7 @@ pub struct Constant {
     pub value: ConstantValue,
 }
 
-/// What fills a specialisation constant: a size of the device's cooperative matrices.
+/// What fills a specialisation constant: a size of the device's cooperative matrices, or flags of the dispatch.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ConstantValue {
     /// Invocations of so many subgroups.
@@ -71,6 +71,20 @@ pub enum ConstantValue {
     MatrixColumns,
     /// Columns of the first factor.
     MatrixDepth,
+    /// [`Epilogue::flags`].
+    Epilogue,
+    /// [`Epilogue::inner`].
+    InnerEpilogue,
+}
+
+/// What dispatches do with their sums before they are stored, by the flags of `glsl/shared/epilogue.glsl`. A pipeline is
+/// specialised for it.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
+pub struct Epilogue {
+    /// Of the result.
+    pub flags: u32,
+    /// Of what [`super::Separable3x3`] computes between.
+    pub inner: u32,
 }
 
 /// How many lanes of a subgroup load different vectors, and how they hand them round (`glsl/shared/lanes.glsl`). Not a

@@ -54,15 +54,20 @@ const ATTENTION_TEXELS: &[Binding] = &[
     Binding { name: "f_texels", ty: BindingType::TexelBuffer },
 ];
 
-const MATRIX: &[Need] = &[Need::Matrix];
+const MATRICES: &[Need] = &[Need::Matrix];
 
 /// As `glsl/shared/matrix.glsl` declares them.
-const MATRIX_CONSTANTS: &[Constant] = &[
-    Constant { name: "INVOCATIONS", value: ConstantValue::Subgroups(MATRIX_SUBGROUPS) },
-    Constant { name: "ROWS", value: ConstantValue::MatrixRows },
-    Constant { name: "COLUMNS", value: ConstantValue::MatrixColumns },
-    Constant { name: "DEPTH", value: ConstantValue::MatrixDepth },
-];
+const INVOCATIONS: Constant = Constant { name: "INVOCATIONS", value: ConstantValue::Subgroups(MATRIX_SUBGROUPS) };
+const ROWS: Constant = Constant { name: "ROWS", value: ConstantValue::MatrixRows };
+const COLUMNS: Constant = Constant { name: "COLUMNS", value: ConstantValue::MatrixColumns };
+const DEPTH: Constant = Constant { name: "DEPTH", value: ConstantValue::MatrixDepth };
+/// As `glsl/shared/epilogue.glsl` does.
+const EPILOGUE: Constant = Constant { name: "EPILOGUE", value: ConstantValue::Epilogue };
+const INNER_EPILOGUE: Constant = Constant { name: "INNER_EPILOGUE", value: ConstantValue::InnerEpilogue };
+const MATRIX: &[Constant] = &[INVOCATIONS, ROWS, COLUMNS, DEPTH];
+const DENSE_MATRIX: &[Constant] = &[INVOCATIONS, ROWS, COLUMNS, DEPTH, EPILOGUE];
+const DENSE: &[Constant] = &[EPILOGUE];
+const SEPARABLE: &[Constant] = &[EPILOGUE, INNER_EPILOGUE];
 
 /// Subgroups of a workgroup of the matrix kernels.
 pub const MATRIX_SUBGROUPS: u32 = 4;
@@ -83,11 +88,13 @@ macro_rules! contract {
 /// Constants for the variants, those under `stored` twice: with maps of 32-bit floats and, in [`halves`], of halves.
 macro_rules! contracts {
     (stored {$($(#[$stored_meta:meta])* $stored:ident = $stored_name:literal $stored_source:literal $stored_push:ident
-       { $($stored_key:literal : $stored_value:literal),* } $stored_bindings:expr, $stored_needs:expr, $half_needs:expr;)*}
+       { $($stored_key:literal : $stored_value:literal),* } $stored_bindings:expr, $stored_needs:expr, $half_needs:expr
+       $(, $stored_constants:ident)?;)*}
      others {$($(#[$meta:meta])* $konst:ident = $name:literal $source:literal $push:ident
        { $($key:literal : $value:literal),* } $bindings:expr, $needs:expr $(, $constants:expr)?;)*}) => {
         $($(#[$stored_meta])* pub const $stored: Contract = contract!(
-            $stored_name, $stored_source, $stored_push, [$(($stored_key, $stored_value)),*], $stored_bindings, $stored_needs);)*
+            $stored_name, $stored_source, $stored_push, [$(($stored_key, $stored_value)),*], $stored_bindings, $stored_needs
+            $(, $stored_constants)?);)*
         $($(#[$meta])* pub const $konst: Contract = contract!(
             $name, $source, $push, [$(($key, $value)),*], $bindings, $needs $(, $constants)?);)*
 
@@ -96,7 +103,8 @@ macro_rules! contracts {
             use super::*;
             $($(#[$stored_meta])* pub const $stored: Contract = contract!(
                 concat!($stored_name, "_f16"), $stored_source, $stored_push,
-                [("SRC_F16", "1"), ("DST_F16", "1") $(, ($stored_key, $stored_value))*], $stored_bindings, $half_needs);)*
+                [("SRC_F16", "1"), ("DST_F16", "1") $(, ($stored_key, $stored_value))*], $stored_bindings, $half_needs
+                $(, $stored_constants)?);)*
         }
 
         /// Every variant that the build compiles.
@@ -110,88 +118,88 @@ contracts! {
     stored {
         /// Convolution, stride 1, tiles of 32 channels.
         CONV3X3 = "conv3x3" "conv3x3.comp" Conv3x3Push
-            { "STRIDE": "1", "TX": "2", "TY": "2", "NV": "8" } &[], &[], HALVES;
+            { "STRIDE": "1", "TX": "2", "TY": "2", "NV": "8" } &[], &[], HALVES, DENSE;
         /// The same for CPU drivers.
         CONV3X3_CPU = "conv3x3_cpu" "conv3x3.comp" Conv3x3Push
-            { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "8", "LANES_SHARE": "1", "TEXELS": "1", "TAP_BY_TAP": "1" } CONV_TEXELS, CPU, CPU_HALVES;
+            { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "8", "LANES_SHARE": "1", "TEXELS": "1", "ROLLED": "1" } CONV_TEXELS, CPU, CPU_HALVES, DENSE;
         /// Convolution, stride 2.
         CONV3X3_S2 = "conv3x3_s2" "conv3x3.comp" Conv3x3Push
-            { "STRIDE": "2", "TX": "2", "TY": "2", "NV": "8" } &[], &[], HALVES;
+            { "STRIDE": "2", "TX": "2", "TY": "2", "NV": "8" } &[], &[], HALVES, DENSE;
         /// The same for CPU drivers.
         CONV3X3_S2_CPU = "conv3x3_s2_cpu" "conv3x3.comp" Conv3x3Push
-            { "STRIDE": "2", "TX": "4", "TY": "2", "NV": "8", "LANES_SHARE": "1", "TEXELS": "1", "TAP_BY_TAP": "1" } CONV_TEXELS, CPU, CPU_HALVES;
+            { "STRIDE": "2", "TX": "4", "TY": "2", "NV": "8", "LANES_SHARE": "1", "TEXELS": "1", "ROLLED": "1" } CONV_TEXELS, CPU, CPU_HALVES, DENSE;
         /// Convolution, stride 1, to at most 16 channels.
         CONV3X3_N16 = "conv3x3_n16" "conv3x3.comp" Conv3x3Push
-            { "STRIDE": "1", "TX": "2", "TY": "2", "NV": "4", "PACKED_NV": "8" } &[], &[], HALVES;
+            { "STRIDE": "1", "TX": "2", "TY": "2", "NV": "4", "PACKED_NV": "8" } &[], &[], HALVES, DENSE;
         /// The same for CPU drivers.
         CONV3X3_N16_CPU = "conv3x3_n16_cpu" "conv3x3.comp" Conv3x3Push
-            { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "4", "PACKED_NV": "8", "LANES_SHARE": "1", "TEXELS": "1", "TAP_BY_TAP": "1" } CONV_TEXELS, CPU, CPU_HALVES;
+            { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "4", "PACKED_NV": "8", "LANES_SHARE": "1", "TEXELS": "1", "ROLLED": "1" } CONV_TEXELS, CPU, CPU_HALVES, DENSE;
         /// Convolution to at most 4 channels.
         CONV3X3_N4 = "conv3x3_n4" "conv3x3.comp" Conv3x3Push
-            { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "1" } &[], &[], HALVES;
+            { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "1" } &[], &[], HALVES, DENSE;
         /// The same for CPU drivers.
         CONV3X3_N4_CPU = "conv3x3_n4_cpu" "conv3x3.comp" Conv3x3Push
-            { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "1", "TEXELS": "1" } CONV_TEXELS, CPU, CPU_HALVES;
+            { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "1", "TEXELS": "1" } CONV_TEXELS, CPU, CPU_HALVES, DENSE;
         /// Convolution by F(2x2, 3x3).
-        WINOGRAD3X3_F2 = "winograd3x3_f2" "winograd3x3.comp" Conv3x3Push { "OUT": "2", "TX": "1", "NV": "2" } &[], &[], HALVES;
+        WINOGRAD3X3_F2 = "winograd3x3_f2" "winograd3x3.comp" Conv3x3Push { "OUT": "2", "TX": "1", "NV": "2" } &[], &[], HALVES, DENSE;
         /// The same for CPU drivers.
         WINOGRAD3X3_F2_CPU = "winograd3x3_f2_cpu" "winograd3x3.comp" Conv3x3Push
-            { "OUT": "2", "TX": "2", "NV": "2", "LANES_SHARE": "1", "TEXELS": "1" } CONV_TEXELS, CPU, CPU_HALVES;
+            { "OUT": "2", "TX": "2", "NV": "2", "LANES_SHARE": "1", "TEXELS": "1" } CONV_TEXELS, CPU, CPU_HALVES, DENSE;
         /// Convolution by F(4x4, 3x3).
-        WINOGRAD3X3_F4 = "winograd3x3_f4" "winograd3x3.comp" Conv3x3Push { "OUT": "4", "TX": "1", "NV": "1" } &[], &[], HALVES;
+        WINOGRAD3X3_F4 = "winograd3x3_f4" "winograd3x3.comp" Conv3x3Push { "OUT": "4", "TX": "1", "NV": "1" } &[], &[], HALVES, DENSE;
         /// The same for CPU drivers.
         WINOGRAD3X3_F4_CPU = "winograd3x3_f4_cpu" "winograd3x3.comp" Conv3x3Push
-            { "OUT": "4", "TX": "1", "NV": "2", "LANES_SHARE": "1", "TEXELS": "1" } CONV_TEXELS, CPU, CPU_HALVES;
+            { "OUT": "4", "TX": "1", "NV": "2", "LANES_SHARE": "1", "TEXELS": "1" } CONV_TEXELS, CPU, CPU_HALVES, DENSE;
         /// Depthwise and pointwise convolution in one, tiles of 32 channels.
-        SEPARABLE3X3 = "separable3x3" "separable3x3.comp" Separable3x3Push { "TX": "2", "TY": "2", "NV": "8" } &[], &[], HALVES;
+        SEPARABLE3X3 = "separable3x3" "separable3x3.comp" Separable3x3Push { "TX": "2", "TY": "2", "NV": "8" } &[], &[], HALVES, SEPARABLE;
         /// The same for CPU drivers.
         SEPARABLE3X3_CPU = "separable3x3_cpu" "separable3x3.comp" Separable3x3Push
-            { "TX": "4", "TY": "2", "NV": "8", "LANES_SHARE": "1", "TEXELS": "1" } SEPARABLE_TEXELS, CPU, CPU_HALVES;
+            { "TX": "4", "TY": "2", "NV": "8", "LANES_SHARE": "1", "TEXELS": "1" } SEPARABLE_TEXELS, CPU, CPU_HALVES, SEPARABLE;
         /// Pointwise convolution, tiles of 32 channels.
-        LINEAR = "linear" "linear.comp" LinearPush { "TX": "2", "TY": "2", "NV": "8" } &[], &[], HALVES;
+        LINEAR = "linear" "linear.comp" LinearPush { "TX": "2", "TY": "2", "NV": "8" } &[], &[], HALVES, DENSE;
         /// The same for CPU drivers.
         LINEAR_CPU = "linear_cpu" "linear.comp" LinearPush
-            { "TX": "4", "TY": "2", "NV": "8", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES;
+            { "TX": "2", "TY": "2", "NV": "8", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES, DENSE;
         /// Pointwise convolution of normed tokens.
-        LINEAR_NORM = "linear_norm" "linear.comp" LinearPush { "TX": "2", "TY": "2", "NV": "8", "NORM": "1" } &[], &[], HALVES;
+        LINEAR_NORM = "linear_norm" "linear.comp" LinearPush { "TX": "2", "TY": "2", "NV": "8", "NORM": "1" } &[], &[], HALVES, DENSE;
         /// Pointwise convolution from 8 channels, held, for CPU drivers.
         LINEAR_K8_CPU = "linear_k8_cpu" "linear_stationary.comp" LinearPush
-            { "TX": "4", "TY": "2", "INPUTS": "2", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES;
+            { "TX": "4", "TY": "2", "INPUTS": "2", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES, DENSE;
         /// Pointwise convolution from 16 channels, held, for CPU drivers.
         LINEAR_K16_CPU = "linear_k16_cpu" "linear_stationary.comp" LinearPush
-            { "TX": "4", "TY": "2", "INPUTS": "4", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES;
+            { "TX": "4", "TY": "2", "INPUTS": "4", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES, DENSE;
         /// The same of normed tokens.
         LINEAR_K16_NORM_CPU = "linear_k16_norm_cpu" "linear_stationary.comp" LinearPush
-            { "TX": "4", "TY": "2", "INPUTS": "4", "NORM": "1", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES;
+            { "TX": "4", "TY": "2", "INPUTS": "4", "NORM": "1", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES, DENSE;
         /// Pointwise convolution from 32 channels, held, for CPU drivers.
         LINEAR_K32_CPU = "linear_k32_cpu" "linear_stationary.comp" LinearPush
-            { "TX": "4", "TY": "2", "INPUTS": "8", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES;
+            { "TX": "4", "TY": "2", "INPUTS": "8", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES, DENSE;
         /// The same of normed tokens.
         LINEAR_K32_NORM_CPU = "linear_k32_norm_cpu" "linear_stationary.comp" LinearPush
-            { "TX": "4", "TY": "2", "INPUTS": "8", "NORM": "1", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES;
+            { "TX": "4", "TY": "2", "INPUTS": "8", "NORM": "1", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES, DENSE;
         /// Pointwise convolution from 64 channels, held, for CPU drivers.
         LINEAR_K64_CPU = "linear_k64_cpu" "linear_stationary.comp" LinearPush
-            { "TX": "2", "TY": "2", "INPUTS": "16", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES;
+            { "TX": "2", "TY": "2", "INPUTS": "16", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES, DENSE;
         /// The same of normed tokens.
         LINEAR_K64_NORM_CPU = "linear_k64_norm_cpu" "linear_stationary.comp" LinearPush
-            { "TX": "2", "TY": "2", "INPUTS": "16", "NORM": "1", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES;
+            { "TX": "2", "TY": "2", "INPUTS": "16", "NORM": "1", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES, DENSE;
         /// The same from two maps.
         LINEAR_K64_TWO_CPU = "linear_k64_two_cpu" "linear_stationary.comp" LinearPush
-            { "TX": "2", "TY": "2", "INPUTS": "16", "TWO_SOURCES": "1", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES;
+            { "TX": "2", "TY": "2", "INPUTS": "16", "TWO_SOURCES": "1", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES, DENSE;
         /// Pointwise convolution from 128 channels, held, for CPU drivers.
         LINEAR_K128_CPU = "linear_k128_cpu" "linear_stationary.comp" LinearPush
-            { "TX": "2", "TY": "1", "INPUTS": "32", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES;
+            { "TX": "2", "TY": "1", "INPUTS": "32", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES, DENSE;
         /// The same of normed tokens.
         LINEAR_K128_NORM_CPU = "linear_k128_norm_cpu" "linear_stationary.comp" LinearPush
-            { "TX": "2", "TY": "1", "INPUTS": "32", "NORM": "1", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES;
+            { "TX": "2", "TY": "1", "INPUTS": "32", "NORM": "1", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES, DENSE;
         /// The same from two maps.
         LINEAR_K128_TWO_CPU = "linear_k128_two_cpu" "linear_stationary.comp" LinearPush
-            { "TX": "2", "TY": "1", "INPUTS": "32", "TWO_SOURCES": "1", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES;
+            { "TX": "2", "TY": "1", "INPUTS": "32", "TWO_SOURCES": "1", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES, DENSE;
         /// Depthwise convolution.
-        DEPTHWISE3X3 = "depthwise3x3" "depthwise3x3.comp" Depthwise3x3Push { "TX": "4", "TY": "2" } &[], &[], HALVES;
+        DEPTHWISE3X3 = "depthwise3x3" "depthwise3x3.comp" Depthwise3x3Push { "TX": "4", "TY": "2" } &[], &[], HALVES, DENSE;
         /// The same for CPU drivers.
         DEPTHWISE3X3_CPU = "depthwise3x3_cpu" "depthwise3x3.comp" Depthwise3x3Push
-            { "TX": "8", "TY": "4", "TEXELS": "1" } MAP_TEXELS, CPU, CPU_HALVES;
+            { "TX": "8", "TY": "4", "TEXELS": "1" } MAP_TEXELS, CPU, CPU_HALVES, DENSE;
         /// Layer normalisation.
         LAYER_NORM = "layer_norm" "layer_norm.comp" LayerNormPush {} &[], &[], HALVES;
         /// The same for CPU drivers.
@@ -226,10 +234,10 @@ contracts! {
     others {
         /// Convolution, stride 1, from a map of 32-bit floats to one of halves.
         CONV3X3_TO_F16 = "conv3x3_to_f16" "conv3x3.comp" Conv3x3Push
-            { "STRIDE": "1", "TX": "2", "TY": "2", "NV": "8", "DST_F16": "1" } &[], HALVES;
+            { "STRIDE": "1", "TX": "2", "TY": "2", "NV": "8", "DST_F16": "1" } &[], HALVES, DENSE;
         /// Convolution to at most 4 channels, from a map of halves to one of 32-bit floats.
         CONV3X3_N4_FROM_F16 = "conv3x3_n4_from_f16" "conv3x3.comp" Conv3x3Push
-            { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "1", "SRC_F16": "1" } &[], &[];
+            { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "1", "SRC_F16": "1" } &[], &[], DENSE;
         /// Tokens of 2x2 to pixels.
         UNEMBED = "unembed" "unembed.comp" UnembedPush { "TX": "4" } &[], &[];
         /// The same from a map of halves.
@@ -238,11 +246,11 @@ contracts! {
         UNEMBED_CPU = "unembed_cpu" "unembed.comp" UnembedPush
             { "TX": "8", "LANES_SHARE": "1", "TEXELS": "1" } MAP_TEXELS, CPU;
         /// Convolution on cooperative matrices, stride 1.
-        CONV3X3_MATRIX = "conv3x3_matrix" "conv3x3_matrix.comp" Conv3x3Push { "STRIDE": "1" } &[], MATRIX, MATRIX_CONSTANTS;
+        CONV3X3_MATRIX = "conv3x3_matrix" "conv3x3_matrix.comp" Conv3x3Push { "STRIDE": "1" } &[], MATRICES, DENSE_MATRIX;
         /// Convolution on cooperative matrices, stride 2.
-        CONV3X3_S2_MATRIX = "conv3x3_s2_matrix" "conv3x3_matrix.comp" Conv3x3Push { "STRIDE": "2" } &[], MATRIX, MATRIX_CONSTANTS;
+        CONV3X3_S2_MATRIX = "conv3x3_s2_matrix" "conv3x3_matrix.comp" Conv3x3Push { "STRIDE": "2" } &[], MATRICES, DENSE_MATRIX;
         /// Pointwise convolution on cooperative matrices.
-        LINEAR_MATRIX = "linear_matrix" "linear_matrix.comp" LinearPush {} &[], MATRIX, MATRIX_CONSTANTS;
+        LINEAR_MATRIX = "linear_matrix" "linear_matrix.comp" LinearPush {} &[], MATRICES, DENSE_MATRIX;
         /// FiLM vectors.
         FILM_VECTOR = "film_vector" "film_vector.comp" FilmVectorPush {} &[], &[];
         /// A histogram to zero.
@@ -287,7 +295,7 @@ contracts! {
         /// Multiply-adds of pairs of halves.
         ROOF_FMA_F16 = "roof_fma_f16" "roof_fma.comp" RoofFmaPush { "HALF": "1" } &[], &[Need::Float16];
         /// Products of matrices of halves.
-        ROOF_MATRIX = "roof_matrix" "roof_matrix.comp" RoofFmaPush {} &[], MATRIX, MATRIX_CONSTANTS;
+        ROOF_MATRIX = "roof_matrix" "roof_matrix.comp" RoofFmaPush {} &[], MATRICES, MATRIX;
         /// A copy of 32-bit floats.
         ROOF_COPY_F32 = "roof_copy_f32" "roof_copy.comp" RoofCopyPush {} &[], &[];
         /// A copy of halves.

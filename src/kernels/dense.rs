@@ -1,6 +1,6 @@
 //! The dense kernels: 3x3 and pointwise convolution, with bias, FiLM, residual, activation and pixel shuffles.
 
-use super::contract::Contract;
+use super::contract::{Contract, Epilogue};
 use super::contracts::{self, halves};
 use super::pushes::{Conv3x3Push, LinearPush};
 use super::{
@@ -96,6 +96,16 @@ impl Kernel for Conv3x3 {
         }
     }
 
+    fn epilogue(&self) -> Epilogue {
+        let shuffle = match self.shuffle {
+            Shuffle::None => 0,
+            Shuffle::Unshuffle => flags::UNSHUFFLE,
+            Shuffle::Shuffle => flags::SHUFFLE,
+        };
+        let flags = shuffle | epilogue_flags(self.activation, self.film, self.residual.as_ref());
+        Epilogue { flags, ..Epilogue::default() }
+    }
+
     fn groups(&self, variants: Variants) -> [u32; 3] {
         let (width, height) = self.result_size();
         let tile_channels = conv_tile_channels(self.channels);
@@ -123,11 +133,6 @@ impl Conv3x3 {
     /// Push constants; the packed weights begin with so many vectors of biases.
     pub(super) fn push_with(&self, at: &Addresses, bias_vectors: u32) -> PushBytes {
         let (width, height) = self.result_size();
-        let shuffle = match self.shuffle {
-            Shuffle::None => 0,
-            Shuffle::Unshuffle => flags::UNSHUFFLE,
-            Shuffle::Shuffle => flags::SHUFFLE,
-        };
         PushBytes::new(&Conv3x3Push {
             src: at.view(&self.src),
             dst: at.view(&self.dst),
@@ -146,9 +151,7 @@ impl Conv3x3 {
             bias_vectors,
             first_tile: self.tiles.first(),
             tile_count: self.tiles.count(width, height),
-            flags: shuffle
-                | self.tiles.flags(width)
-                | epilogue_flags(self.activation, self.film, self.residual.as_ref()),
+            flags: self.tiles.flags(width),
         })
     }
 
@@ -197,10 +200,6 @@ pub struct Linear {
 }
 
 impl Linear {
-    pub(super) fn flags(&self) -> u32 {
-        self.tiles.flags(self.dst.width) | epilogue_flags(self.activation, self.film, self.residual.as_ref())
-    }
-
     pub(super) fn inputs(&self) -> u32 {
         self.src.channels + self.src_b.map_or(0, |b| b.channels)
     }
@@ -243,6 +242,11 @@ impl Kernel for Linear {
         }
     }
 
+    fn epilogue(&self) -> Epilogue {
+        let flags = epilogue_flags(self.activation, self.film, self.residual.as_ref());
+        Epilogue { flags, ..Epilogue::default() }
+    }
+
     fn groups(&self, variants: Variants) -> [u32; 3] {
         let (tiles, contract) = (self.tiles.count(self.dst.width, self.dst.height), self.contract(variants));
         let channels = if contract.has("INPUTS") { self.dst.channels } else { TILE_CHANNELS };
@@ -273,7 +277,7 @@ impl Kernel for Linear {
             bias_vectors: self.dst.channels.next_multiple_of(TILE_CHANNELS) / 4,
             first_tile: self.tiles.first(),
             tile_count: self.tiles.count(self.dst.width, self.dst.height),
-            flags: self.flags(),
+            flags: self.tiles.flags(self.dst.width),
         })
     }
 

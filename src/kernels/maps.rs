@@ -1,6 +1,6 @@
 //! Kernels that go over a map once: depthwise convolution and layer normalisation.
 
-use super::contract::Contract;
+use super::contract::{Contract, Epilogue};
 use super::contracts::{self, halves};
 use super::pushes::{Depthwise3x3Push, LayerNormPush};
 use super::{
@@ -34,6 +34,10 @@ impl Kernel for Depthwise3x3 {
         }
     }
 
+    fn epilogue(&self) -> Epilogue {
+        Epilogue { flags: activation_flag(self.activation), ..Epilogue::default() }
+    }
+
     fn groups(&self, _: Variants) -> [u32; 3] {
         groups(self.tiles.count(self.dst.width, self.dst.height), self.dst.channels.div_ceil(DEPTHWISE_CHANNELS))
     }
@@ -51,7 +55,7 @@ impl Kernel for Depthwise3x3 {
             channels: self.dst.channels / 4,
             first_tile: self.tiles.first(),
             tile_count: self.tiles.count(self.dst.width, self.dst.height),
-            flags: activation_flag(self.activation) | self.tiles.flags(self.dst.width),
+            flags: self.tiles.flags(self.dst.width),
         })
     }
 

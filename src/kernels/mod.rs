@@ -23,7 +23,7 @@ pub mod unembed;
 pub mod window_attention;
 pub mod winograd;
 
-use contract::Contract;
+use contract::{Contract, Epilogue};
 
 pub use crate::net::graph::{Activation, Shuffle};
 pub use accesses::Accesses;
@@ -275,6 +275,10 @@ fn by_storage(storage: Storage, f32: &'static Contract, f16: &'static Contract) 
 pub trait Kernel {
     /// The shader variant to run.
     fn contract(&self, variants: Variants) -> &'static Contract;
+    /// What its pipeline is specialised for.
+    fn epilogue(&self) -> Epilogue {
+        Epilogue::default()
+    }
     /// Workgroups to dispatch.
     fn groups(&self, variants: Variants) -> [u32; 3];
     /// Tiles of the map that a workgroup works on.
@@ -316,6 +320,26 @@ mod flags {
     pub const NOISE_HALF: u32 = 1 << 16;
     pub const VARIANCE: u32 = 1 << 17;
     pub const SAMPLES: u32 = 1 << 18;
+}
+
+impl std::fmt::Display for Epilogue {
+    /// Nothing, or such as `+residual+relu`.
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        let named = [
+            (flags::FILM, "film"),
+            (flags::RESIDUAL, "residual"),
+            (flags::RELU, "relu"),
+            (flags::LEAKY_RELU, "leaky_relu"),
+            (flags::SHUFFLE, "shuffle"),
+            (flags::UNSHUFFLE, "unshuffle"),
+        ];
+        let mut write_all = |prefix, bits| {
+            let mut set = named.iter().filter(|(flag, _)| bits & flag != 0);
+            set.try_for_each(|(_, name)| write!(f, "+{prefix}{name}"))
+        };
+        write_all("inner_", self.inner)?;
+        write_all("", self.flags)
+    }
 }
 
 fn activation_flag(activation: Activation) -> u32 {

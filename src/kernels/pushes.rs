@@ -40,7 +40,7 @@ push_constants! {
         src: Address, dst: Address, weights: Address, film: Address, residual: Address, depthwise: Address, tiles: Address,
         width: U32, height: U32, src_stride: U32, src_channels: U32,
         dst_stride: U32, dst_channels: U32, residual_stride: U32, bias_vectors: U32,
-        first_tile: U32, tile_count: U32, flags: U32, inner_flags: U32,
+        first_tile: U32, tile_count: U32, flags: U32, unused: U32,
     }
 }
 

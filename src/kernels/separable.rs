@@ -1,6 +1,6 @@
 //! A depthwise 3x3 convolution and the pointwise convolution after it as one kernel.
 
-use super::contract::Contract;
+use super::contract::{Contract, Epilogue};
 use super::contracts::{self, halves};
 use super::dense::{Linear, TILE_CHANNELS, dense_groups, dense_texels, tiles_a_group};
 use super::maps::Depthwise3x3;
@@ -23,6 +23,10 @@ impl Kernel for Separable3x3 {
             true => by_storage(self.pointwise.dst.storage, &contracts::SEPARABLE3X3_CPU, &halves::SEPARABLE3X3_CPU),
             false => by_storage(self.pointwise.dst.storage, &contracts::SEPARABLE3X3, &halves::SEPARABLE3X3),
         }
+    }
+
+    fn epilogue(&self) -> Epilogue {
+        Epilogue { inner: activation_flag(self.depthwise.activation), ..self.pointwise.epilogue() }
     }
 
     fn groups(&self, variants: Variants) -> [u32; 3] {
@@ -54,8 +58,8 @@ impl Kernel for Separable3x3 {
             bias_vectors: pointwise.dst.channels.next_multiple_of(TILE_CHANNELS) / 4,
             first_tile: pointwise.tiles.first(),
             tile_count: pointwise.tiles.count(src.width, src.height),
-            flags: pointwise.flags(),
-            inner_flags: activation_flag(self.depthwise.activation),
+            flags: pointwise.tiles.flags(src.width),
+            unused: 0,
         })
     }
 

@@ -8,3 +8,25 @@ include!(concat!(env!("OUT_DIR"), "/spirv.rs"));
 pub fn words(module: &Module) -> &'static [u32] {
     MODULES.iter().find(|(name, _)| *name == module.name).map_or(&[], |(_, words)| words)
 }
+
+#[cfg(test)]
+mod tests {
+    use super::super::contract::Sharing;
+    use super::super::contracts;
+    use super::*;
+
+    #[test]
+    fn every_variant_has_its_modules() {
+        let modules = |contract: &super::super::contract::Contract| {
+            let mut modules = Sharing::ALL.map(|sharing| words(&contract.module(sharing))).to_vec();
+            assert!(modules.iter().all(|words| !words.is_empty()), "{}", contract.name);
+            modules.dedup();
+            modules.len()
+        };
+        for contract in contracts::ALL {
+            let shares = contract.has("LANES_SHARE");
+            assert_eq!(modules(contract), if shares { Sharing::ALL.len() } else { 1 }, "{}", contract.name);
+        }
+        assert_eq!(words(&Module { name: "nothing".into(), defines: Vec::new() }), &[] as &[u32]);
+    }
+}

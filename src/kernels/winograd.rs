@@ -1,6 +1,6 @@
 //! Dense 3x3 convolution of stride 1 by Winograd's minimal filtering.
 
-use super::contract::Contract;
+use super::contract::{Contract, Epilogue};
 use super::contracts::{self, halves};
 use super::dense::Conv3x3;
 use super::{Addresses, Kernel, PushBytes, TexelRange, Traffic, Variants, by_storage, groups};
@@ -52,6 +52,10 @@ impl Kernel for Winograd3x3 {
             (WinogradTile::F4, true) => of(&contracts::WINOGRAD3X3_F4_CPU, &halves::WINOGRAD3X3_F4_CPU),
             (WinogradTile::F4, false) => of(&contracts::WINOGRAD3X3_F4, &halves::WINOGRAD3X3_F4),
         }
+    }
+
+    fn epilogue(&self) -> Epilogue {
+        self.conv.epilogue()
     }
 
     fn groups(&self, variants: Variants) -> [u32; 3] {

@@ -1,7 +1,7 @@
 //! What a device can do, and what the denoiser needs of it.
 
 use super::matrix::{self, MatrixShape};
-use crate::kernels::contract::{ConstantValue, Need, Sharing};
+use crate::kernels::contract::{ConstantValue, Epilogue, Need, Sharing};
 use ash::vk;
 use std::fmt;
 
@@ -112,8 +112,8 @@ pub struct Identity {
 /// Smallest subgroup of [`Need::CpuDriver`]: so many lanes share what they load.
 const SHARING_LANES: u32 = 8;
 
-/// From this Mesa on lavapipe's `subgroupBroadcast` is one instruction. Before, it looks for an active lane in a loop;
-/// `subgroupShuffle` is one instruction over eight lanes, a loop over sixteen.
+/// From this Mesa on `subgroupBroadcast` is what lavapipe does fastest (seen on 25.0.7 and 26.1.6). On 22.3.6 it looks for an active
+/// lane in a loop. `subgroupShuffle` is one instruction over eight lanes on all of them, a loop over sixteen.
 const BROADCASTING_MESA: u32 = 25;
 
 /// Size of a texel: four 32-bit floats.
@@ -135,14 +135,17 @@ impl Caps {
         wanted.into_iter().filter(|(has, _)| !has).map(|(_, name)| name).collect()
     }
 
-    /// What fills a specialisation constant; 0 where the device has no matrices.
-    pub(crate) fn constant(&self, value: ConstantValue) -> u32 {
-        self.matrix.map_or(0, |shape| match value {
-            ConstantValue::Subgroups(count) => count * shape.subgroup,
-            ConstantValue::MatrixRows => shape.rows,
-            ConstantValue::MatrixColumns => shape.columns,
-            ConstantValue::MatrixDepth => shape.depth,
-        })
+    /// What fills a specialisation constant; sizes of matrices are 0 where the device has none.
+    pub(crate) fn constant(&self, value: ConstantValue, epilogue: Epilogue) -> u32 {
+        let matrix = |size: fn(MatrixShape) -> u32| self.matrix.map_or(0, size);
+        match value {
+            ConstantValue::Subgroups(count) => count * matrix(|shape| shape.subgroup),
+            ConstantValue::MatrixRows => matrix(|shape| shape.rows),
+            ConstantValue::MatrixColumns => matrix(|shape| shape.columns),
+            ConstantValue::MatrixDepth => matrix(|shape| shape.depth),
+            ConstantValue::Epilogue => epilogue.flags,
+            ConstantValue::InnerEpilogue => epilogue.inner,
+        }
     }
 
     /// How lanes of a subgroup hand each other what they loaded, with [`Need::CpuDriver`].
@@ -195,7 +198,12 @@ pub(crate) fn requirements() -> Requirements {
         api_version: (1, 2),
         extensions: Vec::new(),
         features: vec!["bufferDeviceAddress"],
-        optional_features: vec!["storageBuffer16BitAccess", "shaderInt64", "subgroupBroadcastDynamicId", "hostQueryReset"],
+        optional_features: vec![
+            "storageBuffer16BitAccess",
+            "shaderInt64",
+            "subgroupBroadcastDynamicId",
+            "hostQueryReset",
+        ],
         matrix_extensions: matrix::EXTENSIONS.iter().filter_map(|name| name.to_str().ok()).collect(),
         matrix_features: matrix::FEATURES.to_vec(),
     }

@@ -12,8 +12,8 @@ use std::fmt;
 /// One figure of a kernel, in the driver's own words.
 #[derive(Clone, Debug, PartialEq)]
 pub struct PipelineStatistic {
-    /// The kernel variant.
-    pub variant: &'static str,
+    /// The kernel variant, with what its pipeline is specialised for: `linear+residual`.
+    pub variant: String,
     /// The part of it that the figure is of; a compute kernel mostly has one.
     pub executable: String,
     /// What is counted.
@@ -47,11 +47,7 @@ impl fmt::Display for StatisticValue {
 }
 
 /// The statistics of a pipeline; none where the device has none to give.
-pub(crate) fn of_pipeline(
-    device: &Device,
-    variant: &'static str,
-    pipeline: &Pipeline,
-) -> Result<Vec<PipelineStatistic>> {
+pub(crate) fn of_pipeline(device: &Device, variant: &str, pipeline: &Pipeline) -> Result<Vec<PipelineStatistic>> {
     let Some(loader) = device.executables() else { return Ok(Vec::new()) };
     let info = vk::PipelineInfoKHR::default().pipeline(pipeline.raw);
     // SAFETY: the pipeline is alive and of the loader's device.
@@ -64,7 +60,7 @@ pub(crate) fn of_pipeline(
         let statistics = unsafe { loader.get_pipeline_executable_statistics(&info) };
         for statistic in statistics.called("vkGetPipelineExecutableStatisticsKHR")? {
             found.push(PipelineStatistic {
-                variant,
+                variant: variant.to_owned(),
                 executable: text(executable.name_as_c_str()),
                 name: text(statistic.name_as_c_str()),
                 value: value(&statistic),
