@@ -87,9 +87,12 @@ void main() {
 
     for (uint n = 0u; n < dst_channels; ++n) {
         // Every lane loads the weights of other input channels, for four outputs, and hands them round.
-        uint block = bias_vectors + (n / PACKED_NV * uint(4 * INPUTS) + min(LANE, uint(4 * INPUTS - 1))) * PACKED_NV + n % PACKED_NV;
+        uint input_channel = min(LANE, uint(4 * INPUTS - 1));
+        uint block = bias_vectors + (n / PACKED_NV * uint(4 * INPUTS) + input_channel) * PACKED_NV + n % PACKED_NV;
         vec4 lane_weights[PER_LANE(4 * INPUTS)];
-        [[unroll]] for (int i = 0; i < PER_LANE(4 * INPUTS); ++i) lane_weights[i] = LOAD_WEIGHTS(weights, block + i * SHARING * PACKED_NV);
+        [[unroll]] for (int i = 0; i < PER_LANE(4 * INPUTS); ++i) {
+            lane_weights[i] = LOAD_WEIGHTS(weights, block + i * SHARING * PACKED_NV);
+        }
         vec4 bias = LOAD_WEIGHTS(weights, n);
         vec4 sums[PIXELS];
         [[unroll]] for (int p = 0; p < PIXELS; ++p) sums[p] = bias;

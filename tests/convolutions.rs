@@ -3,7 +3,7 @@
 mod common;
 
 use common::case::{Cases, KERNEL_LIMIT, STORAGES};
-use common::dense::{ACTIVATIONS, dense_cases, film, size};
+use common::dense::{dense_cases, ending, size};
 use vkdenoise::kernels::dense::Conv3x3;
 use vkdenoise::kernels::winograd::{Winograd3x3, WinogradTile};
 use vkdenoise::kernels::{Call, Shuffle};
@@ -38,17 +38,17 @@ fn add_conv_by(
     };
     // The engine has neither FiLM nor residual before a shuffle.
     let plain = shuffle == Shuffle::None;
-    let film = if plain { film(cases, channels) } else { None };
-    let residual = (plain && cases.random.coin()).then(|| cases.map((width, height), outputs, 1.0));
+    let ending = ending(cases, channels);
+    let residual = (plain && ending.residual).then(|| cases.map((width, height), outputs, 1.0));
     let call = Conv3x3 {
         src,
         dst,
         channels,
         weights: cases.pack(pack),
-        film,
+        film: ending.film.filter(|_| plain),
         residual,
         stride,
-        activation: cases.random.pick(&ACTIVATIONS),
+        activation: ending.activation,
         shuffle,
         tiles: cases.tiles((width, height)),
     };

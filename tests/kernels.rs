@@ -3,7 +3,7 @@
 mod common;
 
 use common::case::{Cases, KERNEL_LIMIT, STORAGES, small_net};
-use common::dense::{ACTIVATIONS, dense_cases, film, size};
+use common::dense::{ACTIVATIONS, dense_cases, ending, size};
 use vkdenoise::kernels::dense::Linear;
 use vkdenoise::kernels::expand::Expand;
 use vkdenoise::kernels::film::{FilmVector, TokenSum};
@@ -11,7 +11,7 @@ use vkdenoise::kernels::maps::{Depthwise3x3, LayerNorm};
 use vkdenoise::kernels::separable::Separable3x3;
 use vkdenoise::kernels::unembed::Unembed;
 use vkdenoise::kernels::window_attention::WindowAttention;
-use vkdenoise::kernels::{Call, Storage, Tiles, View};
+use vkdenoise::kernels::{Activation, Call, Storage, Tiles, View};
 use vkdenoise::net::{Block, Convolution, LinearPart, LinearWeight};
 use vkdenoise::plan::pack::Pack;
 
@@ -50,7 +50,12 @@ fn separable3x3() {
                 let (src, dst) = (cases.map(size, inputs, 3.0), cases.target(size, outputs));
                 let pack = Pack::Depthwise { weight: format!("{owner}.{first}"), channels: inputs };
                 let tiles = cases.tiles(size);
-                let activation = cases.random.pick(&ACTIVATIONS);
+                let ending = ending(&mut cases, outputs);
+                let activation = match ending.activation {
+                    Activation::None => Activation::Relu,
+                    Activation::Relu => Activation::LeakyRelu,
+                    Activation::LeakyRelu => Activation::None,
+                };
                 // Never stored.
                 let between = View { buffer: src.buffer, first: 0, stride: inputs, channels: inputs, ..dst };
                 let depthwise = Depthwise3x3 { src, dst: between, weights: cases.pack(pack), activation, tiles };
@@ -67,9 +72,9 @@ fn separable3x3() {
                         bias: true,
                         norm: None,
                     })),
-                    film: film(&mut cases, outputs),
-                    residual: cases.random.coin().then(|| cases.map(size, outputs, 1.0)),
-                    activation: cases.random.pick(&ACTIVATIONS),
+                    film: ending.film,
+                    residual: ending.residual.then(|| cases.map(size, outputs, 1.0)),
+                    activation: ending.activation,
                     tiles,
                 };
                 cases.add(Call::Separable3x3(Separable3x3 { depthwise, pointwise }), dst.buffer);
@@ -122,15 +127,16 @@ fn linear() {
             let norm = normed.then(|| "bottleneck.0.norm2".to_owned());
             let weight = LinearWeight { parts, inputs, columns, bias: cases.random.coin(), norm };
             let (src, dst) = (cases.map(size, first, 3.0), cases.target(size, outputs));
+            let ending = ending(&mut cases, outputs);
             let call = Linear {
                 src,
                 src_b: (second > 0).then(|| cases.map(size, second, 3.0)),
                 norm: normed,
                 dst,
                 weights: cases.pack(Pack::Linear(weight)),
-                film: film(&mut cases, outputs),
-                residual: cases.random.coin().then(|| cases.map(size, outputs, 1.0)),
-                activation: cases.random.pick(&ACTIVATIONS),
+                film: ending.film,
+                residual: ending.residual.then(|| cases.map(size, outputs, 1.0)),
+                activation: ending.activation,
                 tiles: cases.tiles(size),
             };
             cases.add(Call::Linear(call), dst.buffer);

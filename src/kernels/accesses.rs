@@ -105,7 +105,8 @@ impl Block {
         self.x * self.y * self.vectors
     }
 
-    /// Loads of the weights of four input channels: all of them, or an eighth where the lanes hand them round.
+    /// Loads of the weights of four input channels: all of them, or an eighth where the lanes hand them round (a sixteenth in
+    /// subgroups of sixteen, which are counted as those of eight).
     fn weight_loads(&self, contract: &Contract) -> u64 {
         let vectors = 4 * self.vectors;
         if contract.has("LANES_SHARE") { vectors.div_ceil(8) } else { vectors }

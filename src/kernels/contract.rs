@@ -168,7 +168,8 @@ impl std::fmt::Display for Need {
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         f.write_str(match self {
             Self::CpuDriver => {
-                "subgroupShuffle over 8 lanes, subgroupVote, subgroupBroadcastDynamicId, shaderInt64 and minTexelBufferOffsetAlignment 16"
+                "subgroupShuffle over 8 lanes, subgroupVote, subgroupBroadcastDynamicId, shaderInt64 and \
+                 minTexelBufferOffsetAlignment 16"
             }
             Self::Storage16 => "storageBuffer16BitAccess",
             Self::Float16 => "shaderFloat16",

@@ -112,8 +112,8 @@ pub struct Identity {
 /// Smallest subgroup of [`Need::CpuDriver`]: so many lanes share what they load.
 const SHARING_LANES: u32 = 8;
 
-/// From this Mesa on `subgroupBroadcast` is what lavapipe does fastest (seen on 25.0.7 and 26.1.6). On 22.3.6 it looks for an active
-/// lane in a loop. `subgroupShuffle` is one instruction over eight lanes on all of them, a loop over sixteen.
+/// From this Mesa on lavapipe's `subgroupBroadcast` is one instruction where its lane is constant (25.0.7, measured). On 22.3.6
+/// it looks for an active lane in a loop. `subgroupShuffle` is one instruction over eight lanes, a loop over sixteen.
 const BROADCASTING_MESA: u32 = 25;
 
 /// Size of a texel: four 32-bit floats.

@@ -17,8 +17,23 @@ pub fn size(cases: &mut Cases, unit: u32) -> (u32, u32) {
     (unit * cases.random.integer(1, 5), unit * cases.random.integer(1, 4))
 }
 
-/// `[gamma | beta]`, in one case of three.
-pub fn film(cases: &mut Cases, channels: u32) -> Option<BufferId> {
+/// What becomes of the sums of a dense kernel.
+pub struct Ending {
+    /// `[gamma | beta]`.
+    pub film: Option<BufferId>,
+    /// Whether a map is added.
+    pub residual: bool,
+    pub activation: Activation,
+}
+
+/// One of four, in which every part occurs alone, and FiLM with a residual: a driver compiles a pipeline for each.
+pub fn ending(cases: &mut Cases, channels: u32) -> Ending {
+    let (film, residual, activation) = cases.random.pick(&[
+        (false, false, Activation::None),
+        (true, false, Activation::Relu),
+        (false, true, Activation::LeakyRelu),
+        (true, true, Activation::None),
+    ]);
     let vector = cases.random.values(2 * channels as usize, -2.0, 2.0);
-    (cases.random.integer(0, 2) == 0).then(|| cases.filled("film", vector))
+    Ending { film: film.then(|| cases.filled("film", vector)), residual, activation }
 }
