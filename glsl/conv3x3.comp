@@ -40,8 +40,8 @@ layout(push_constant) uniform Push {
 const uint LANES_X = 8 / TX;
 const uint LANES = 64 / PIXELS;                // invocations per tile
 
-// Three taps of a row share what they load. ROLLED keeps a turn of the loop to one tap: CPU drivers are slowed by a turn that
-// is longer than their processor's cache of decoded instructions. The taps then share by moving what was loaded.
+// Three taps of a row share what they load. ROLLED keeps a turn of the loop to one tap, as CPU drivers take longer over a
+// turn of three, and all nine taps share by moving on what was loaded.
 const int PATCH_X = (TX - 1) * STRIDE + 3;
 vec4 row[TY * PATCH_X];
 
