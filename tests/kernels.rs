@@ -4,6 +4,7 @@ mod common;
 
 use common::case::{Cases, KERNEL_LIMIT, STORAGES, small_net};
 use common::dense::{ACTIVATIONS, dense_cases, ending, size};
+use half::f16;
 use vkdenoise::kernels::dense::Linear;
 use vkdenoise::kernels::expand::Expand;
 use vkdenoise::kernels::film::{FilmVector, TokenSum};
@@ -11,9 +12,10 @@ use vkdenoise::kernels::maps::{Depthwise3x3, LayerNorm};
 use vkdenoise::kernels::separable::Separable3x3;
 use vkdenoise::kernels::unembed::Unembed;
 use vkdenoise::kernels::window_attention::WindowAttention;
-use vkdenoise::kernels::{Activation, Call, Storage, Tiles, View};
+use vkdenoise::kernels::{Activation, Call, Storage, TILE, Tiles, Variants, View};
 use vkdenoise::net::{Block, Convolution, LinearPart, LinearWeight};
 use vkdenoise::plan::pack::Pack;
+use vkdenoise::testing::Bench;
 
 /// Down to maps of one tile, every token of which but those in the middle is near a border.
 #[test]
@@ -303,5 +305,45 @@ fn expand() {
             cases.add(Call::Expand(Expand { src, dst, tiles }), dst.buffer);
         }
         cases.check("expand", 0.0);
+    }
+}
+
+/// Every half, what lies midway to the next one and the floats beside that, of both signs, and what halves do not hold.
+#[test]
+fn halves_are_rounded_to_the_nearest_and_ties_to_even() {
+    let device = common::device::device();
+    if !Bench::can_store_halves(device) || !Bench::can_run_cpu_kernels(device) {
+        return println!("the device does not run kernels for CPU drivers that store halves, they are not tested");
+    }
+    let half = |bits: u16| f16::from_bits(bits).to_f32();
+    let mut values: Vec<f32> = (0..0x7bff)
+        .flat_map(|bits| {
+            let middle = 0.5 * (half(bits) + half(bits + 1));
+            [half(bits), middle.next_down(), middle, middle.next_up()]
+        })
+        .chain([65504.0, 65520f32.next_down(), 65520.0, 65536.0, 1e5, f32::MAX, f32::INFINITY, f32::NAN])
+        .chain([1e-45, f32::MIN_POSITIVE, 1e-9])
+        .flat_map(|value| [value, -value])
+        .collect();
+    let (width, channels) = (128, 4);
+    values.resize(values.len().next_multiple_of((width * TILE * channels) as usize), 0.0);
+    let height = values.len() as u32 / (width * channels);
+
+    let variants = Variants { cpu: true, ..Bench::default_variants(device) };
+    let mut bench = Bench::new(device, variants).unwrap();
+    let mut map = |name, storage: Storage| {
+        let buffer = bench.buffer(name, values.len() as u64 * storage.bytes()).unwrap();
+        View { buffer, first: 0, channels, stride: channels, width, height, top: 0, storage }
+    };
+    let (src, dst) = (map("floats", Storage::F32), map("halves", Storage::F16));
+    bench.upload(src.buffer, &values);
+    bench.run(&[Call::Expand(Expand { src, dst, tiles: Tiles::All })]).unwrap();
+    let words = bench.download(dst.buffer, values.len() / 2);
+    let found = words.iter().flat_map(|word| [word.to_bits() as u16, (word.to_bits() >> 16) as u16]);
+    for (value, found) in values.iter().zip(found) {
+        let wanted = f16::from_f32(*value);
+        let found = f16::from_bits(found);
+        let same = found.to_bits() == wanted.to_bits() || found.is_nan() && wanted.is_nan();
+        assert!(same, "{value:e} ({:#x}): {found:?}, not {wanted:?}", value.to_bits());
     }
 }
