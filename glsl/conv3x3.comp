@@ -41,7 +41,8 @@ const uint LANES_X = 8 / TX;
 const uint LANES = 64 / PIXELS;                // invocations per tile
 
 // Three taps of a row share what they load. ROLLED keeps a turn of the loop to one tap, as CPU drivers take longer over a
-// turn of three, and all nine taps share by moving on what was loaded.
+// turn of three, and all nine taps share by moving on what was loaded. BY_TAP loads for every tap anew, in one loop of less
+// code, which at a stride of 2, where taps share less, is faster.
 const int PATCH_X = (TX - 1) * STRIDE + 3;
 vec4 row[TY * PATCH_X];
 
@@ -87,6 +88,24 @@ void main() {
                 MULTIPLY_ADD(weights, block_base, MOVED)
                 [[unroll]] for (int i = 0; i < TY * PATCH_X - 1; ++i) row[i] = row[i + 1];
             }
+        }
+    }
+#elif defined(BY_TAP)
+    [[dont_unroll]] for (int tap = 0; tap < 9; ++tap) {
+        uint from[PIXELS];
+        bool inside[PIXELS];
+        [[unroll]] for (int p = 0; p < PIXELS; ++p) {
+            ivec2 at = corner + ivec2(tap % 3, tap / 3) + ivec2(p % TX, p / TX) * STRIDE;
+            ivec2 nearest = clamp(at, ivec2(0), ivec2(src_width, src_height) - 1);
+            inside[p] = at == nearest;
+            from[p] = uint(nearest.y * int(src_width) + nearest.x) * src_stride;
+        }
+        for (uint k = 0u; k < src_channels; ++k) {
+            vec4 inputs[PIXELS];
+            [[unroll]] for (int p = 0; p < PIXELS; ++p) inputs[p] = LOAD_WHERE(inside[p], src, from[p] + k);
+            uint block_base = weight_base + (uint(tap) * src_channels + k) * BLOCK;
+#define OF_TAP(p) inputs[p]
+            MULTIPLY_ADD(weights, block_base, OF_TAP)
         }
     }
 #else

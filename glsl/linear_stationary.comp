@@ -67,9 +67,13 @@ void main() {
 
     uint pixels[PIXELS];
     vec4 inputs[PIXELS * INPUTS];
+    [[unroll]] for (int p = 0; p < PIXELS; ++p) pixels[p] = (base.y + p / TX) * width + base.x + p % TX;
+    [[unroll]] for (int i = 0; i < INPUTS; ++i) {
+        // Other lines of the processor's cache one after another, so that it waits for many at a time.
+        int k = INPUTS < 4 ? i : i % (INPUTS / 4) * 4 + i / (INPUTS / 4);
+        [[unroll]] for (int p = 0; p < PIXELS; ++p) inputs[p * INPUTS + k] = load_input(pixels[p], k);
+    }
     [[unroll]] for (int p = 0; p < PIXELS; ++p) {
-        pixels[p] = (base.y + p / TX) * width + base.x + p % TX;
-        [[unroll]] for (int k = 0; k < INPUTS; ++k) inputs[p * INPUTS + k] = load_input(pixels[p], k);
 #ifdef NORM
         vec4 sum = vec4(0.0);
         [[unroll]] for (int k = 0; k < INPUTS; ++k) sum += inputs[p * INPUTS + k];

@@ -127,9 +127,13 @@ fn epilogue_loads(film: bool, residual: bool) -> u64 {
 fn conv3x3(call: &Conv3x3, contract: &Contract) -> Accesses {
     let (block, stride) = (Block::of(contract), u64::from(call.stride));
     let (width, height) = call.result_size();
-    // All taps share what they load, or those of a row do.
+    // All taps share what they load, or none, or those of a row do.
     let [columns, rows] = [block.x, block.y].map(|outputs| (outputs - 1) * stride + 3);
-    let inputs = if contract.has("ROLLED") { rows } else { 3 * block.y } * columns;
+    let inputs = match (contract.has("ROLLED"), contract.has("BY_TAP")) {
+        (true, _) => rows * columns,
+        (_, true) => 9 * block.x * block.y,
+        _ => 3 * block.y * columns,
+    };
     let per_four_inputs = inputs + 9 * block.weight_loads(contract);
     let loads = block.vectors
         + u64::from(call.src.channels / 4) * per_four_inputs

@@ -127,7 +127,7 @@ contracts! {
             { "STRIDE": "2", "TX": "2", "TY": "2", "NV": "8" } &[], &[], HALVES, DENSE;
         /// The same for CPU drivers.
         CONV3X3_S2_CPU = "conv3x3_s2_cpu" "conv3x3.comp" Conv3x3Push
-            { "STRIDE": "2", "TX": "4", "TY": "2", "NV": "8", "LANES_SHARE": "1", "TEXELS": "1", "ROLLED": "1" } CONV_TEXELS, CPU, CPU_HALVES, DENSE;
+            { "STRIDE": "2", "TX": "4", "TY": "2", "NV": "8", "LANES_SHARE": "1", "TEXELS": "1", "BY_TAP": "1" } CONV_TEXELS, CPU, CPU_HALVES, DENSE;
         /// Convolution, stride 1, to at most 16 channels.
         CONV3X3_N16 = "conv3x3_n16" "conv3x3.comp" Conv3x3Push
             { "STRIDE": "1", "TX": "2", "TY": "2", "NV": "4", "PACKED_NV": "8" } &[], &[], HALVES, DENSE;
