@@ -36,6 +36,7 @@ def bench_process(args, size):
     """A function that runs one pass of the benchmark program and returns its JSON report."""
     command = [*shlex.split(args.driver_command), args.bench, "pass", "--on-request", "--warm-up", str(WARM_UPS)]
     command += ["--size", "{}x{}".format(*size), "--weights", str(args.weights)]
+    command += ["--precision", args.precision]
     if args.device:
         command += ["--device", args.device]
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, bufsize=0) as process:
@@ -97,6 +98,7 @@ def main():
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("--bench", required=True, help="vkdenoise-bench")
     p.add_argument("--driver-command", default="", help="command that runs the benchmark on another driver")
+    p.add_argument("--precision", default="auto", help="of vkdenoise: auto (on a CPU fp32), fp32 or fp16")
     p.add_argument("--device", help="as vkdenoise-bench takes it")
     p.add_argument("--weights", type=Path, default=SHIPPED)
     p.add_argument("--size", default="512x512", help="width x height in pixels")
