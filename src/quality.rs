@@ -1,9 +1,12 @@
 //! The networks that ship inside the library, and which of them to take.
 
-use crate::denoiser::Quiet;
+use crate::denoiser::{Precision, Quiet};
 use crate::error::{Error, Result};
+use crate::kernels::contract::Need;
 use crate::net::weights::Weights;
 use crate::plan::quiet_mode::QuietMode;
+use crate::vk::caps::DeviceKind;
+use crate::vk::device::Device;
 use std::fmt;
 use std::str::FromStr;
 
@@ -28,11 +31,11 @@ impl Weights {
     }
 }
 
-/// Run time against error: which of the networks that ship, and whether what has converged is left as it is. A network of your own:
-/// [`Weights::from_file`].
+/// Run time against error: which of the networks that ship, how its maps are stored, and whether what has converged is left as it
+/// is. A network of your own: [`Weights::from_file`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Quality {
-    /// The Hybrid; squares of 16x16 pixels with a relative noise below 0.02 keep the caller's colour.
+    /// The Hybrid, in halves; squares of 16x16 pixels with a relative noise below 0.02 keep the caller's colour.
     Fast,
     /// The Hybrid.
     #[default]
@@ -54,6 +57,15 @@ impl Quality {
             Self::Fast | Self::Balanced => Weights::hybrid(),
             Self::High => Weights::expanded_patch(),
         }
+    }
+
+    /// How the maps are stored on a device, for [`Options::precision`](crate::Options::precision): as suits it, and of the fastest
+    /// quality as halves on CPUs too, which can be told from 32-bit floats by no measure of the picture (`docs/pareto.md`) and
+    /// take less time (`docs/performance.md`).
+    pub fn precision(self, device: &Device) -> Precision {
+        let caps = device.caps();
+        let halves = self == Self::Fast && caps.kind == DeviceKind::Cpu && caps.meets(Need::Storage16);
+        if halves { Precision::F16 } else { Precision::Auto }
     }
 
     /// What it leaves out, for [`Options::quiet`](crate::Options::quiet). Over the noisy test frames that took at most 2 % more time

@@ -261,7 +261,7 @@ fn in_place_by_layer_name_and_quiet() {
     assert_eq!(d.names(""), ["copy.exr", "views.exr"]);
 }
 
-/// Each quality is another network or leaves something out, and so another picture; the default is the balanced one.
+/// Each quality is another network, stores less or leaves something out, and so another picture; the default is the balanced one.
 #[test]
 fn a_quality_chooses_network_and_what_is_left_out() {
     let d = Directory::new();
@@ -272,7 +272,7 @@ fn a_quality_chooses_network_and_what_is_left_out() {
         succeeded(&ran);
         let said: serde_json::Value = serde_json::from_str(&ran.out).unwrap();
         let word = |key: &str| said[key].as_str().unwrap().to_owned();
-        (word("network"), said["denoised"].clone(), color(&out))
+        (word("network"), said["denoised"].clone(), color(&out), word("precision"))
     };
     let [fast, balanced, high] = ["fast", "balanced", "high"].map(|quality| denoise(&["--quality", quality]));
     assert_eq!([&fast.0, &balanced.0, &high.0], ["hybrid", "hybrid", "expanded_patch"]);
@@ -284,7 +284,12 @@ fn a_quality_chooses_network_and_what_is_left_out() {
     assert_ne!(fast.2, balanced.2);
     assert_ne!(balanced.2, high.2);
     assert_eq!(denoise(&[]), balanced);
-    assert_eq!(denoise(&["--quality", "fast", "--skip-below", "0"]), balanced, "what is asked for counts more");
+    let plain = ["--quality", "fast", "--skip-below", "0", "--precision", &balanced.3];
+    assert_eq!(denoise(&plain), balanced, "what is asked for counts more");
+    if balanced.3 == "fp32" {
+        assert_eq!(fast.3, "fp16", "halves are faster");
+        assert_eq!(denoise(&plain[..4]), denoise(&["--precision", "fp16"]));
+    }
 }
 
 #[cfg(unix)]

@@ -37,7 +37,8 @@ pub struct Args {
     #[arg(long, value_name = "NAME")]
     pub layer: Option<String>,
 
-    /// Run time against error: fast, balanced or high. It chooses the network; fast is --skip-below 0.02 as well
+    /// Run time against error: fast, balanced or high. It chooses the network; fast is --skip-below 0.02 as well, and on a CPU
+    /// --precision fp16
     #[arg(long, value_name = "Q", default_value = "balanced", value_parser = parsed::<Quality>)]
     pub quality: Quality,
 

@@ -7,7 +7,9 @@ use crate::{Failure, interrupt, preview};
 use indicatif::{ProgressBar, ProgressStyle};
 use std::time::Duration;
 use vkdenoise::exr_io::{ExrError, ExrFrame, LayerOptions};
-use vkdenoise::{Denoiser, Device, DeviceOptions, DeviceSelector, Error, Extent, Layout, Options, PlaneMut, Weights};
+use vkdenoise::{
+    Denoiser, Device, DeviceOptions, DeviceSelector, Error, Extent, Layout, Options, PlaneMut, Precision, Weights,
+};
 
 /// Does all jobs. One that fails does not keep the others from being done.
 pub fn run(args: &Args, jobs: &[Job]) -> Result<(), Failure> {
@@ -85,7 +87,7 @@ impl Engine {
         let device = Device::open_with(&DeviceOptions { selector, cache, ..DeviceOptions::default() })?;
         let Args { precision, exposure, blend, memory_budget, .. } = args;
         let options = Options {
-            precision: *precision,
+            precision: if *precision == Precision::Auto { args.quality.precision(&device) } else { *precision },
             exposure: *exposure,
             blend: *blend,
             memory_budget: memory_budget.map(|mib| mib << 20),
