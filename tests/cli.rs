@@ -8,6 +8,8 @@ use serde_json::Value;
 use std::path::{Path, PathBuf};
 use std::process::{Command, Output};
 use vkdenoise::exr_io::{ExrFrame, LayerOptions};
+use vkdenoise::testing::Bench;
+use vkdenoise::{Device, DeviceKind, DeviceOptions, DeviceSelector};
 
 const SIZE: (usize, usize) = (32, 24);
 const FEATURES: &str = "A albedo.B albedo.G albedo.R B G N.X N.Y N.Z R Z";
@@ -286,7 +288,9 @@ fn a_quality_chooses_network_and_what_is_left_out() {
     assert_eq!(denoise(&[]), balanced);
     let plain = ["--quality", "fast", "--skip-below", "0", "--precision", &balanced.3];
     assert_eq!(denoise(&plain), balanced, "what is asked for counts more");
-    if balanced.3 == "fp32" {
+    let selector = DeviceSelector::from_env().unwrap_or_default();
+    let device = Device::open_with(&DeviceOptions { selector, ..DeviceOptions::default() }).unwrap();
+    if device.info().kind == DeviceKind::Cpu && Bench::can_store_halves(&device) {
         assert_eq!(fast.3, "fp16", "halves are faster");
         assert_eq!(denoise(&plain[..4]), denoise(&["--precision", "fp16"]));
     }
