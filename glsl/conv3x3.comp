@@ -43,6 +43,7 @@ const uint LANES = 64 / PIXELS;                // invocations per tile
 // Three taps of a row share what they load. ROLLED keeps a turn of the loop to one tap, as CPU drivers take longer over a
 // turn of three, and all nine taps share by moving on what was loaded. BY_TAP loads for every tap anew, in one loop of less
 // code, which at a stride of 2, where taps share less, is faster.
+#ifndef BY_TAP
 const int PATCH_X = (TX - 1) * STRIDE + 3;
 vec4 row[TY * PATCH_X];
 
@@ -57,6 +58,7 @@ vec4 row[TY * PATCH_X];
         rows[(number) * PATCH_X + x] = LOAD_WHERE(inside, src, index); \
     } \
 }
+#endif
 
 void main() {
     uint slot = group_index() * (64u / LANES) + gl_LocalInvocationID.x / LANES;

@@ -147,8 +147,7 @@ pub(crate) fn wanted_storage(device: &Device, precision: Precision) -> Result<St
         Precision::F16 => {
             Err(Error::Unsupported { device: device.info().name.clone(), missing: Need::Storage16.to_string() })
         }
-        // A CPU would gain an eighth of the time (docs/performance.md), and stays exact instead. The kernels on matrices store
-        // 32-bit floats.
+        // A CPU would gain time too (docs/performance.md), and stays exact instead. The kernels on matrices store 32-bit floats.
         Precision::Auto => {
             let gains = device.caps().kind != DeviceKind::Cpu && !wants_matrices(device, precision)?;
             Ok(if gains && has_halves { Storage::F16 } else { Storage::F32 })
