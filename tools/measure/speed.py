@@ -86,6 +86,7 @@ def measure(args):
     return {
         "width": width,
         "height": height,
+        "precision": args.precision,
         **{key: passes[0][key] for key in ("device", "driver", "device_bytes")},
         "torch": torch.__version__,
         "cpu_s": {"vkdenoise": vkdenoise, "pytorch": pytorch},
@@ -106,7 +107,7 @@ def main():
     p.add_argument("--json", type=Path, help="file for the figures; default: after the table")
     args = p.parse_args()
     result = measure(args)
-    print(f"{result['device']} ({result['driver']}), {args.size}, medians of {args.runs} alternating runs\n")
+    print(f"{result['device']} ({result['driver']}), {args.size}, precision {args.precision}, medians of {args.runs} alternating runs\n")
     print("| | CPU seconds | least | most |\n|---|---|---|---|")
     for name, runs in result["cpu_s"].items():
         print(f"| {name} | {statistics.median(runs):.3f} | {min(runs):.3f} | {max(runs):.3f} |")
