@@ -122,6 +122,13 @@ void main() {
         }
     }
 #endif
+#if defined(TEXELS) && !defined(DST_F16) && SHARING == 8
+    // A sum that is stored as it is would be part of a scattered word, twice as wide, from the start: lavapipe's compiler keeps
+    // it as that through the whole loop, in twice the room. A factor of 1 that it cannot know keeps them apart.
+    if ((EPILOGUE & ~FLAG_SHUFFLE) == 0u) {
+        [[unroll]] for (int i = 0; i < PIXELS * NV; ++i) accumulators[i] *= live ? 1.0 : 0.0;
+    }
+#endif
     if (!live) return;
 
     [[unroll]] for (int n = 0; n < NV; ++n) {

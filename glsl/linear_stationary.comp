@@ -18,6 +18,13 @@ TEXELS_OF(2, film)
 TEXELS_OF(3, residual)
 TEXELS_OF(4, src_b)
 
+// Input channels whose weights are loaded at a time.
+#if defined(BROADCAST) && SHARING == 8
+const int CHUNK = min(4 * INPUTS, 16);
+#else
+const int CHUNK = 4 * INPUTS;
+#endif
+
 layout(local_size_x = 64) in;
 
 layout(push_constant) uniform Push {
@@ -90,19 +97,21 @@ void main() {
     }
 
     for (uint n = 0u; n < dst_channels; ++n) {
-        // Every lane loads the weights of other input channels, for four outputs, and hands them round.
-        uint input_channel = min(LANE, uint(4 * INPUTS - 1));
-        uint block = bias_vectors + (n / PACKED_NV * uint(4 * INPUTS) + input_channel) * PACKED_NV + n % PACKED_NV;
-        vec4 lane_weights[PER_LANE(4 * INPUTS)];
-        [[unroll]] for (int i = 0; i < PER_LANE(4 * INPUTS); ++i) {
-            lane_weights[i] = LOAD_WEIGHTS(weights, block + i * SHARING * PACKED_NV);
-        }
         vec4 bias = LOAD_WEIGHTS(weights, n);
         vec4 sums[PIXELS];
         [[unroll]] for (int p = 0; p < PIXELS; ++p) sums[p] = bias;
-        [[unroll]] for (int k = 0; k < 4 * INPUTS; ++k) {
-            vec4 w = FROM_LANE(lane_weights[k / SHARING], uint(k % SHARING));
-            [[unroll]] for (int p = 0; p < PIXELS; ++p) sums[p] += inputs[p * INPUTS + k / 4][k % 4] * w;
+        [[unroll]] for (int from = 0; from < 4 * INPUTS; from += CHUNK) {
+            // Every lane loads the weights of other input channels, for four outputs, and hands them round.
+            uint input_channel = from + min(LANE, uint(CHUNK - 1));
+            uint block = bias_vectors + (n / PACKED_NV * uint(4 * INPUTS) + input_channel) * PACKED_NV + n % PACKED_NV;
+            vec4 lane_weights[PER_LANE(CHUNK)];
+            [[unroll]] for (int i = 0; i < PER_LANE(CHUNK); ++i) {
+                lane_weights[i] = LOAD_WEIGHTS(weights, block + i * SHARING * PACKED_NV);
+            }
+            [[unroll]] for (int k = 0; k < CHUNK; ++k) {
+                vec4 w = FROM_LANE(lane_weights[k / SHARING], uint(k % SHARING));
+                [[unroll]] for (int p = 0; p < PIXELS; ++p) sums[p] += inputs[p * INPUTS + (from + k) / 4][k % 4] * w;
+            }
         }
         [[unroll]] for (int p = 0; p < PIXELS; ++p) {
             vec4 value = sums[p];

@@ -186,15 +186,9 @@ contracts! {
         /// The same from two maps.
         LINEAR_K64_TWO_CPU = "linear_k64_two_cpu" "linear_stationary.comp" LinearPush
             { "TX": "2", "TY": "2", "INPUTS": "16", "TWO_SOURCES": "1", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES, DENSE;
-        /// Pointwise convolution from 128 channels, held, for CPU drivers.
-        LINEAR_K128_CPU = "linear_k128_cpu" "linear_stationary.comp" LinearPush
-            { "TX": "2", "TY": "1", "INPUTS": "32", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES, DENSE;
-        /// The same of normed tokens.
+        /// Pointwise convolution of normed tokens from 128 channels, held, for CPU drivers.
         LINEAR_K128_NORM_CPU = "linear_k128_norm_cpu" "linear_stationary.comp" LinearPush
             { "TX": "2", "TY": "1", "INPUTS": "32", "NORM": "1", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES, DENSE;
-        /// The same from two maps.
-        LINEAR_K128_TWO_CPU = "linear_k128_two_cpu" "linear_stationary.comp" LinearPush
-            { "TX": "2", "TY": "1", "INPUTS": "32", "TWO_SOURCES": "1", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES, DENSE;
         /// Depthwise convolution.
         DEPTHWISE3X3 = "depthwise3x3" "depthwise3x3.comp" Depthwise3x3Push { "TX": "4", "TY": "2" } &[], &[], HALVES, DENSE;
         /// The same for CPU drivers.

@@ -216,9 +216,7 @@ impl Linear {
             (64, false, false) => of(&contracts::LINEAR_K64_CPU, &halves::LINEAR_K64_CPU),
             (64, true, false) => of(&contracts::LINEAR_K64_NORM_CPU, &halves::LINEAR_K64_NORM_CPU),
             (64, false, true) => of(&contracts::LINEAR_K64_TWO_CPU, &halves::LINEAR_K64_TWO_CPU),
-            (128, false, false) => of(&contracts::LINEAR_K128_CPU, &halves::LINEAR_K128_CPU),
             (128, true, false) => of(&contracts::LINEAR_K128_NORM_CPU, &halves::LINEAR_K128_NORM_CPU),
-            (128, false, true) => of(&contracts::LINEAR_K128_TWO_CPU, &halves::LINEAR_K128_TWO_CPU),
             _ => None,
         }
     }
