@@ -47,8 +47,8 @@ vec4 activations[PIXELS];
 void main() {
     uint slot = group_index() * (64u / LANES) + gl_LocalInvocationID.x / LANES;
     uint count = tiles_of(tile_count, flags, tiles);
-    if (count == 0u) return;
     bool live = slot < count;
+    LEAVE_UNLESS(live)
     uvec2 origin = tile_origin(min(slot, count - 1u), first_tile, flags, tiles);
     uint lane = gl_LocalInvocationID.x % LANES;
     ivec2 base = ivec2(origin) + ivec2(lane % LANES_X, lane / LANES_X) * ivec2(TX, TY);

@@ -24,3 +24,11 @@ uvec2 tile_origin(uint slot, uint first, uint flags, TileList list) {
 uint group_index() {
     return gl_WorkGroupID.z * gl_NumWorkGroups.x + gl_WorkGroupID.x;
 }
+
+// Lanes without a tile leave at once; where those of a subgroup share what they load, as soon as none of them has one.
+#ifdef LANES_SHARE
+#extension GL_KHR_shader_subgroup_vote : require
+#define LEAVE_UNLESS(live) if (!subgroupAny(live)) return;
+#else
+#define LEAVE_UNLESS(live) if (!live) return;
+#endif
