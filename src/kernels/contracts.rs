@@ -209,6 +209,9 @@ contracts! {
         /// Joint window attention, 16 channels of keys and 32 of values, for CPU drivers.
         WINDOW_ATTENTION_V32_CPU = "window_attention_v32_cpu" "window_attention_rows.comp" WindowAttentionPush
             { "KEYS": "4", "VALUES": "8", "QUERIES": "1", "LANES_SHARE": "1", "TEXELS": "1" } ATTENTION_TEXELS, CPU, CPU_HALVES;
+        /// Joint window attention, 32 channels of keys and of values a head, for CPU drivers.
+        WINDOW_ATTENTION_HEADS_CPU = "window_attention_heads_cpu" "window_attention_rows.comp" WindowAttentionPush
+            { "KEYS": "8", "VALUES": "8", "QUERIES": "1", "LANES_SHARE": "1", "TEXELS": "1" } ATTENTION_TEXELS, CPU, CPU_HALVES;
         /// Joint window attention, 32 channels of keys and 64 of values, for CPU drivers.
         WINDOW_ATTENTION_V64_CPU = "window_attention_v64_cpu" "window_attention_rows.comp" WindowAttentionPush
             { "KEYS": "8", "VALUES": "16", "QUERIES": "1", "LANES_SHARE": "1", "TEXELS": "1" } ATTENTION_TEXELS, CPU, CPU_HALVES;
