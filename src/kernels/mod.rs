@@ -355,8 +355,7 @@ impl std::fmt::Display for Specialisation {
         };
         write_all("inner_", self.inner)?;
         write_all("", self.epilogue)?;
-        let shape =
-            [('t', self.tiles), ('i', self.inputs), ('c', self.copies), ('k', self.keys), ('v', self.values)];
+        let shape = [('t', self.tiles), ('i', self.inputs), ('k', self.keys), ('v', self.values)];
         shape.iter().filter(|(_, size)| *size > 0).try_for_each(|(name, size)| write!(f, "/{name}{size}"))
     }
 }

@@ -18,6 +18,8 @@ use super::{Addresses, BufferId, Kernel, PushBytes, TILE, Traffic, Variants, gro
 
 /// Bins of one histogram.
 pub const BINS: u32 = 1 << 15;
+/// Pixels that a workgroup counts.
+const HISTOGRAM_PIXELS: u32 = 4096;
 /// Bytes of a histogram.
 pub const HISTOGRAM_BYTES: u64 = 4 * BINS as u64;
 /// Floats of the statistics: median luminance, key, exposure. The depth scale is one by itself: it depends on the depths
@@ -83,7 +85,7 @@ impl Kernel for Histogram {
     }
 
     fn groups(&self, _: Variants) -> [u32; 3] {
-        groups((self.width * self.height).div_ceil(64), 1)
+        groups((self.width * self.height).div_ceil(HISTOGRAM_PIXELS), 1)
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {
