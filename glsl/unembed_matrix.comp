@@ -7,16 +7,15 @@
 #version 460
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"
-const uint HALVES = 1u;
-#define SUBGROUPS 4u
 #include "shared/matrix.glsl"
 layout(constant_id = 4) const uint INPUTS = 32; // staged at a time, a divisor of all
 const uint TILES = SUBGROUPS;
+const uint HALVES = 1u;
 
 layout(push_constant) uniform Push {
     Source src;
     Target dst;
-    Weights weights;      // [bias | halves: [set][tap][16 inputs][pixel of 4][output of 4][input]]
+    Weights weights;      // [bias | halves: [set][tap][input channel][pixel of 4][output of 4]]
     TileList tiles;       // with FLAG_TILE_LIST
     uint width;           // of the tokens
     uint height;
@@ -34,9 +33,8 @@ const uint VECTORS = INPUTS / 8u;               // of eight halves
 const uint TOKEN = VECTORS + 1u;
 const uint SOURCE_ROWS = 7u + TAPS;
 const uint STAGED_INPUTS = TILES * SOURCE_ROWS * 8u * TOKEN;
-const uint BLOCKS = INPUTS / 16u;               // of weights, of a tap
-const uint STAGED_BLOCKS = TAPS * BLOCKS;
-// As the other dense kernels know them.
+// The weights come straight from memory: staged with the inputs they leave room for half as many of these, which took twice as long.
+const uint STAGED_BLOCKS = 0u;
 const uint bias_vectors = 1u;
 const uint dst_channels = OUTPUTS / 4u;
 #include "shared/matrix_dense.glsl"
@@ -71,20 +69,28 @@ void stage(uint rows, uvec2 origin, uint first, uint kx) {
     }
 }
 
-// sums += the products of the column of taps that is staged.
-void multiply_column(uint rows) {
+layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer Halves { float16_t v[]; };
+
+// The weights of DEPTH rows, which begin `at` halves into the packed ones.
+void load_rows(Halves weights, uint at, out MatrixB columns[COLUMN_TILES]) {
+    [[unroll]] for (uint n = 0u; n < COLUMN_TILES; ++n) {
+        coopMatLoad(columns[n], weights.v, at + n * COLUMNS, OUTPUTS, gl_CooperativeMatrixLayoutRowMajor);
+    }
+}
+
+// sums += the products of one column of taps; the weights of its first tap begin at `at`, those of the next ones `row_of_taps`
+// further each.
+void multiply_column(uint rows, Halves weights, uint at, uint row_of_taps) {
     // Rows of matrices begin at every row of tokens; each serves up to five taps.
     const uint STEP = ROWS / 8u;
-    // Not unrolled: CPU drivers spell every product out.
-    [[dont_unroll]] for (uint k = 0u; k < INPUTS; k += DEPTH) {
-        const uint FIRSTS = OWN_TOKENS / 8u + TAPS - STEP;
-        MatrixA inputs[FIRSTS];
-        [[unroll]] for (uint row = 0u; row < FIRSTS; ++row) {
-            coopMatLoad(inputs[row], staged, rows + (own_half * OWN_TOKENS / 8u + row) * 8u * TOKEN + k / 8u, TOKEN, gl_CooperativeMatrixLayoutRowMajor);
+    [[unroll]] for (uint k = 0u; k < INPUTS; k += DEPTH) {
+        MatrixA inputs[SOURCE_ROWS + 1u - STEP];
+        [[unroll]] for (uint row = 0u; row < SOURCE_ROWS + 1u - STEP; ++row) {
+            coopMatLoad(inputs[row], staged, rows + row * 8u * TOKEN + k / 8u, TOKEN, gl_CooperativeMatrixLayoutRowMajor);
         }
         [[unroll]] for (uint ky = 0u; ky < TAPS; ++ky) {
             MatrixB columns[COLUMN_TILES];
-            load_weights(ky * BLOCKS + k / 16u, k % 16u, columns);
+            load_rows(weights, at + ky * row_of_taps + k * OUTPUTS, columns);
             [[unroll]] for (uint m = 0u; m < ROW_TILES; ++m) {
                 [[unroll]] for (uint n = 0u; n < COLUMN_TILES; ++n) {
                     sums[m * COLUMN_TILES + n] = coopMatMulAdd(inputs[m * STEP + ky], columns[n], sums[m * COLUMN_TILES + n]);
@@ -106,6 +112,7 @@ void main() {
     }
     uint rows = own_tile * SOURCE_ROWS * 8u * TOKEN;
     uint inputs = 4u * channels;
+    Halves matrix = Halves(weights);
     vec4 bias = LOAD_WEIGHTS(weights, 0);
 
     for (uint set = 0u; set < SETS; ++set) {
@@ -115,12 +122,9 @@ void main() {
             for (uint kx = 0u; kx < TAPS; ++kx) {
                 barrier();
                 stage(rows, origin, first / 8u, kx);
-                for (uint ky = 0u; ky < TAPS; ++ky) {
-                    uint block = (((set * TAPS + ky) * TAPS + kx) * inputs + first) / 16u;
-                    stage_weights(Vectors(weights), block, 0u, ky * BLOCKS, BLOCKS, TAPS * BLOCKS);
-                }
                 barrier();
-                multiply_column(rows);
+                uint at = 8u + ((set * TAPS * TAPS + kx) * inputs + first) * OUTPUTS;
+                multiply_column(rows, matrix, at, TAPS * inputs * OUTPUTS);
             }
         }
         [[unroll]] for (uint part = 0u; part < OWN_TOKENS / SUMS_TOKENS; ++part) {
@@ -128,7 +132,7 @@ void main() {
             for (uint i = gl_SubgroupInvocationID; live && i < SUMS_TOKENS * 4u; i += LANES) {
                 // Pixels of a row follow one another.
                 uint row = i / 32u, column = i / 2u % 8u, phase = i / 16u % 2u * 2u + i % 2u;
-                uint of_tile = own_half * OWN_TOKENS + part * SUMS_TOKENS + row * 8u + column;
+                uint of_tile = part * SUMS_TOKENS + row * 8u + column;
                 uvec2 token = origin + uvec2(column, of_tile / 8u);
                 if (set_of(token) != set) continue;
                 uvec2 pixel = 2u * token + uvec2(phase % 2u, phase / 2u);

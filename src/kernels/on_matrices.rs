@@ -4,7 +4,7 @@
 use super::contract::Specialisation;
 use super::contracts::MATRIX_SUBGROUPS;
 use super::dense::TILE_CHANNELS;
-use super::unembed::{MATRIX_OUTPUTS, TAPS};
+use super::unembed::TAPS;
 use super::{TILE, View, groups};
 
 /// Shared memory of a workgroup in bytes: what every device with matrices has.
@@ -87,7 +87,7 @@ pub(super) fn separable(inputs: u32, outputs: u32) -> Option<Specialisation> {
 /// Of tokens to pixels.
 pub(super) fn unembed(inputs: u32) -> Option<Specialisation> {
     let tokens = MOST_TILES * TILE * (TILE - 1 + TAPS);
-    staged(inputs, tokens, 32, TAPS, MATRIX_OUTPUTS).map(|inputs| Specialisation { inputs, ..Specialisation::default() })
+    staged(inputs, tokens, 32, 0, 0).map(|inputs| Specialisation { inputs, ..Specialisation::default() })
 }
 
 /// Of joint window attention.

@@ -60,7 +60,7 @@ pub enum Pack {
         /// Input channels.
         inputs: u32,
     },
-    /// The same for the kernel on matrices: `[bias | halves: [set of 9][tap of 5x5][16 inputs][pixel of 4][output of 4][input]]`.
+    /// The same for the kernel on matrices: `[bias | halves: [set of 9][tap of 5x5][input][pixel of 4][output of 4]]`.
     UnembedMatrix {
         /// Tensor prefix of the first convolution.
         spread: String,
@@ -303,7 +303,7 @@ impl Pack {
 const LARGEST_HALF: f32 = 65504.0;
 
 /// A matrix of so many rows and columns as halves, two in a word: `[DEPTH rows][column][row]`, filled up with rows of zeros.
-pub(super) fn in_blocks(rows: usize, columns: usize, value: impl Fn(usize, usize) -> f32) -> Vec<u32> {
+fn in_blocks(rows: usize, columns: usize, value: impl Fn(usize, usize) -> f32) -> Vec<u32> {
     let depth = DEPTH as usize;
     let mut words = Vec::with_capacity(rows.next_multiple_of(depth) * columns / 2);
     for (block, column) in (0..rows.div_ceil(depth)).flat_map(|block| (0..columns).map(move |column| (block, column))) {
@@ -316,7 +316,7 @@ pub(super) fn in_blocks(rows: usize, columns: usize, value: impl Fn(usize, usize
 }
 
 /// Two values as halves in a word, the first in its lower part.
-fn halves(pair: &[f32]) -> u32 {
+pub(super) fn halves(pair: &[f32]) -> u32 {
     // Larger values would become infinite, and the sums NaN.
     let half = |value: &f32| u32::from(f16::from_f32(value.clamp(-LARGEST_HALF, LARGEST_HALF)).to_bits());
     pair.iter().rev().fold(0, |word, value| word << 16 | half(value))

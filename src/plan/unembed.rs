@@ -4,7 +4,7 @@
 //! token meets the tokens from `d - 2` to `d + 1` of each direction. Beyond the frame the second reads zeros, not what the
 //! first would make there: weights of a border leave out that tap.
 
-use super::pack::in_blocks;
+use super::pack::halves;
 use crate::kernels::unembed::{BLOCK, MATRIX_OUTPUTS, MATRIX_SETS, ROWS, SETS, TAPS};
 
 /// 32-bit floats of the packed form.
@@ -72,8 +72,11 @@ pub fn matrix_words(packed: &[f32], inputs: usize) -> Vec<u32> {
     };
     let mut words: Vec<u32> = bias.iter().map(|value| value.to_bits()).collect();
     for (set, tap) in (0..MATRIX_SETS as usize).flat_map(|set| (0..taps * taps).map(move |tap| (set, tap))) {
-        let value = |k: usize, n: usize| value(set, (tap / taps, tap % taps), k, n).unwrap_or(0.0);
-        words.extend(in_blocks(inputs, MATRIX_OUTPUTS as usize, value));
+        for k in 0..inputs {
+            let outputs: [f32; MATRIX_OUTPUTS as usize] =
+                std::array::from_fn(|n| value(set, (tap / taps, tap % taps), k, n).unwrap_or(0.0));
+            words.extend(outputs.chunks_exact(2).map(halves));
+        }
     }
     words
 }

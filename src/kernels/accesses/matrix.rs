@@ -105,10 +105,10 @@ pub(super) fn unembed(call: &Unembed) -> Accesses {
     let staged = taps * (u64::from(TILE) - 1 + taps) * u64::from(TILE) * inputs / 8;
     let rows = taps * taps * inputs;
     Accesses {
-        global_loads: tiles * staged + tiles.div_ceil(SUBGROUPS) * 2 * rows,
+        global_loads: tiles * (staged + 2 * rows),
         global_stores: tiles * TOKENS * 4,
-        shared_loads: tiles * (TOKENS * rows / 8 + 2 * rows + TOKENS * 4),
-        shared_stores: tiles * (staged + TOKENS * 4) + tiles.div_ceil(SUBGROUPS) * 2 * rows,
+        shared_loads: tiles * (TOKENS * rows / 8 + TOKENS * 4),
+        shared_stores: tiles * (staged + TOKENS * 4),
     }
 }
 
