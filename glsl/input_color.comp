@@ -1,6 +1,6 @@
 // Colour to the network's input: samples mended, exposed, log1p, padded by reflection. The fourth channel, which has no
-// weights, tells where light goes around the network: 0 where none does, else 1 and log1p of what samples that are not
-// finite count for.
+// weights, tells what goes around the network: 0 nothing, else 1 and log1p of what samples that are not finite count for;
+// negative in a lamp of +Inf, which is nothing else in the result either.
 #version 460
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"
@@ -59,11 +59,13 @@ void main() {
     uint way = way_of(at, color);
     bvec3 missing = way == AS_IT_IS ? bvec3(~(uvec3(finite) | uvec3(infinite)) & 1u) : bvec3(true);
     if (any(missing)) exposed = mix(exposed, mended(at), missing);
-    if (any(infinite)) exposed = mix(exposed, vec3(infinite_light(at)), infinite);
+    bool lamp = false;
+    if (any(infinite)) exposed = mix(exposed, vec3(infinite_light(at, lamp)), infinite);
 
     float beyond = 0.0;
-    if (way == KEPT || (way == AS_IT_IS && largest_of(exposed) > RANGE)) {
+    if (way == KEPT || lamp || (way == AS_IT_IS && largest_of(exposed) > RANGE)) {
         beyond = 1.0 + log1p(min(largest_of(mix(exposed, vec3(0.0), finite)), MAX_FLOAT));
+        if (lamp) beyond = -beyond;
     }
     exposed = min(exposed, vec3(RANGE));
     STORE(dst, to.y * dst_width + to.x, vec4(log1p(exposed.x), log1p(exposed.y), log1p(exposed.z), beyond));

@@ -96,11 +96,12 @@ float linear_color(float log_value, float inverse_exposure) {
     return min(max(expm1(min(log_value, MAX_LOG)), 0.0) * inverse_exposure, MAX_FLOAT);
 }
 
-// What of the caller's own pixel the network was not given: `taken` is what it was, `otherwise` what counts for samples
-// that are not finite, both in the caller's unit.
-vec3 light_around(uvec2 at, vec3 taken, float otherwise) {
+// The result with what of the caller's own pixel the network was not given: `taken` is what it was, `otherwise` what counts for
+// samples that are not finite. +Inf of a lamp is that and nothing else.
+vec3 with_light_around(vec3 color, uvec2 at, vec3 taken, float otherwise, bool lamp) {
     vec3 own = read_color(at);
-    return max(mix(vec3(otherwise), light_of(own), are_finite(own)) - taken, 0.0);
+    vec3 light = mix(vec3(otherwise), light_of(own), are_finite(own));
+    return mix(color + max(light - taken, 0.0), light, bvec3(uvec3(are_infinite(own)) & uint(lamp)));
 }
 
 void main() {
@@ -121,10 +122,11 @@ void main() {
             color[i] = min(linear_color(clean[i], inverse), stats.largest[i]);
             if (blend > 0.0) color[i] = mix(color[i], linear_color(noisy[i], inverse), blend);
         }
-        if (noisy.w > 0.0) {
+        if (noisy.w != 0.0) {
             vec3 taken = vec3(0.0);
             for (int i = 0; i < 3; ++i) taken[i] = linear_color(noisy[i], inverse);
-            color += light_around(at, taken, linear_color(noisy.w - 1.0, inverse));
+            float otherwise = linear_color(abs(noisy.w) - 1.0, inverse);
+            color = with_light_around(color, at, taken, otherwise, noisy.w < 0.0);
         }
         color = min(color, vec3(TARGET_MAX));
     }

@@ -419,7 +419,11 @@ fn the_way_out() {
         rig.set(STATS, &[f32::NAN, f32::NAN, exposure, f32::NAN, largest[0], largest[1], largest[2]]);
         let mut colors = random.values(4 * tokens, 0.0, log_top);
         // Light goes around the network here and there; what is not finite counts for more than its range.
-        colors.iter_mut().skip(3).step_by(4).for_each(|mark| *mark = random.pick(&[0.0, 0.0, 1.0, 9.0, 60.0]));
+        colors
+            .iter_mut()
+            .skip(3)
+            .step_by(4)
+            .for_each(|mark| *mark = random.pick(&[0.0, 0.0, 1.0, 9.0, 60.0, -1.0, -5.0, -60.0]));
         rig.set(LOG_COLOR, &colors);
         // Some take all of the colour away, some more than that, some nothing.
         let mut residuals = random.values(12 * tokens, -3.0, 1.0);

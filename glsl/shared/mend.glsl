@@ -82,7 +82,7 @@ vec3 mended(uvec2 at) {
 
 // What +Inf counts for, exposed: one pixel or two take the brightest sample around; more are a lamp, as bright as
 // anything in the frame.
-float infinite_light(uvec2 at) {
+float infinite_light(uvec2 at, out bool lamp) {
     float largest = 0.0;
     uint others = 0u;
     bool finite = false;
@@ -97,6 +97,7 @@ float infinite_light(uvec2 at) {
             largest = max(largest, largest_of(light_of(color)));
         }
     }
-    if (others >= 2u || !finite) largest = max(stats.largest[0], max(stats.largest[1], stats.largest[2]));
+    lamp = others >= 2u || !finite;
+    if (lamp) largest = max(stats.largest[0], max(stats.largest[1], stats.largest[2]));
     return min(largest * stats.exposure, MAX_FLOAT);
 }

@@ -62,7 +62,7 @@ impl FromStr for Fireflies {
 /// A negative sample is 0. NaN, -Inf, and all channels of a pixel above 1e8 keys and 100 times its brightest neighbour
 /// or of a firefly ([`Fireflies`]) are missing: they take the mean of that channel's good samples in the nearest of
 /// four rings of pixels that has any, else their tile's. +Inf is the brightest sample of the 3x3 pixels around, or
-/// where two of these are infinite too the frame's largest.
+/// where two of these are infinite too, a lamp that overflowed, the frame's largest.
 #[derive(Clone, Debug, PartialEq)]
 pub struct InputColor {
     /// The statistics.
@@ -70,7 +70,7 @@ pub struct InputColor {
     /// What is known of every tile ([`super::stats::TileStats`]).
     pub tile_stats: BufferId,
     /// Three channels and a mark for [`Output`]: 0 where no light goes around the network; else 1 and `log1p` of what
-    /// samples that are not finite count for, exposed, where there are any. Padded size.
+    /// samples that are not finite count for, exposed, where there are any; negative in a lamp of +Inf. Padded size.
     pub dst: View,
     /// Size of the frame in pixels.
     pub width: u32,
@@ -196,8 +196,8 @@ impl Kernel for InputAux {
 }
 
 /// `max(expm1(c + r) / exposure, 0)`, at most the frame's largest sample of the channel, mixed with the noisy colour by
-/// `blend`, cropped to the frame; then what of the caller's pixel was not in c is added, where c is marked
-/// ([`InputColor`]).
+/// `blend`, cropped to the frame; then what of the caller's pixel was not in c is added, where c is marked, or is all of it in
+/// a lamp of +Inf ([`InputColor`]).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Output {
     /// The network's residual r, three channels and padding.

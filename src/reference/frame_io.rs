@@ -148,11 +148,12 @@ pub fn input_color(reference: &mut Reference, call: &InputColor) {
         for (to, color) in token.iter_mut().zip(exposed) {
             *to = color.min(RANGE).ln_1p();
         }
-        if way == Way::Kept || way == Way::AsItIs && exposed.iter().any(|&color| color > RANGE) {
+        let exceeds = exposed.iter().any(|&color| color > RANGE);
+        if [Way::Kept, Way::Lamp].contains(&way) || way == Way::AsItIs && exceeds {
             let samples = frame.samples(x, y);
             let others = exposed.iter().zip(samples).filter(|(_, sample)| !sample.is_finite());
             let otherwise = others.map(|(exposed, _)| exposed.min(f64::from(f32::MAX))).fold(0.0, f64::max);
-            token[3] = 1.0 + otherwise.ln_1p();
+            token[3] = (1.0 + otherwise.ln_1p()) * if way == Way::Lamp { -1.0 } else { 1.0 };
         }
     });
     let tiles = reference.tiles(&call.tiles, call.dst.width, call.dst.height);
@@ -196,9 +197,10 @@ pub fn output(reference: &mut Reference, call: &Output) {
             let denoised = clamp(linear(c + r), stats[LARGEST + channel]);
             let mut mixed = (1.0 - blend) * denoised + blend * linear(c);
             let sample = frame.samples(x, y)[channel];
-            if mark > 0.0 {
-                let own = if sample.is_finite() { light_of(sample) } else { linear(mark - 1.0) };
-                mixed += (own - linear(c)).max(0.0);
+            if mark != 0.0 {
+                let own = if sample.is_finite() { light_of(sample) } else { linear(mark.abs() - 1.0) };
+                let is_lamp = mark < 0.0 && sample == f32::INFINITY;
+                mixed = if is_lamp { own } else { mixed + (own - linear(c)).max(0.0) };
             }
             let (mixed, own) = (clamp(mixed, end), light_of(sample).min(end));
             out[3 * (y * width + x) + channel] = match quiet {

@@ -79,6 +79,8 @@ pub enum Way {
     Mended,
     /// As missing, and the rest of its light is added to the result.
     Kept,
+    /// As a lamp of +Inf, which is in the result what it counts for.
+    Lamp,
 }
 
 /// A frame with what is known of it.
@@ -105,13 +107,14 @@ impl<'a> Mending<'a> {
             return (self.mended(x, y), way);
         }
         let infinite = samples.contains(&f32::INFINITY).then(|| self.infinite(x, y));
+        let lamp = infinite.is_some_and(|(_, lamp)| lamp);
         let mended = samples.iter().any(|s| !s.is_finite() && *s != f32::INFINITY).then(|| self.mended(x, y));
         let light = [0, 1, 2].map(|channel| match (samples[channel], infinite, mended) {
-            (f32::INFINITY, Some(light), _) => light,
+            (f32::INFINITY, Some((light, _)), _) => light,
             (sample, _, _) if sample.is_finite() => light_of(sample),
             (_, _, mended) => mended.map_or(0.0, |mended| mended[channel]),
         });
-        (light, way)
+        (light, if lamp { Way::Lamp } else { way })
     }
 
     fn tile(&self, x: usize, y: usize) -> &[f64] {
@@ -171,14 +174,17 @@ impl<'a> Mending<'a> {
         })
     }
 
-    /// What +Inf counts for.
-    fn infinite(&self, x: usize, y: usize) -> f64 {
+    /// What +Inf counts for, and whether it is a lamp.
+    fn infinite(&self, x: usize, y: usize) -> (f64, bool) {
         let near = || around(self.frame, (x, y), 1).map(|(x, y, _)| (x, y));
         let others = near().filter(|(x, y)| self.frame.samples(*x, *y).contains(&f32::INFINITY)).count();
         let good = near().chain([(x, y)]).filter(|(x, y)| self.way(*x, *y) == Way::AsItIs);
         let finite: Vec<f64> =
             good.flat_map(|(x, y)| self.frame.samples(x, y)).filter(|s| s.is_finite()).map(light_of).collect();
-        if others >= 2 || finite.is_empty() { self.largest } else { finite.into_iter().fold(0.0, f64::max) }
+        match others >= 2 || finite.is_empty() {
+            true => (self.largest, true),
+            false => (finite.into_iter().fold(0.0, f64::max), false),
+        }
     }
 }
 
@@ -243,6 +249,9 @@ mod tests {
         let mended = mend(&data, 1.0);
         assert_eq!(mended(2, 1), [4.0, 1.0, 1.0]);
         assert_eq!(mended(4, 5), [50.0; 3]);
+        let stats = [1.0, 1.0, 0.18, 0.0, 50.0, 20.0, 1.0];
+        let way = |x, y| Mending::new(&data, &stats, &[]).pixel(x, y).1;
+        assert_eq!([way(2, 1), way(4, 5), way(0, 0)], [Way::AsItIs, Way::Lamp, Way::AsItIs]);
         assert_eq!(mended(3, 4), [1.0; 3]);
     }
 

@@ -102,7 +102,7 @@ fn infinite(subject: &mut Subject, _: Effort) -> Result<Vec<Measured>> {
     let output = subject.denoise(&plain.with_color(color))?;
     let mut sound = sound();
     sound.take(super::bad_samples(&output), "");
-    let mut bright = Measured::new("the disc, of the frame's largest sample", Bound::AtLeast(0.8));
+    let mut bright = Measured::new("the disc, of the frame's largest sample", Bound::AtLeast(0.999));
     bright.take(mean(&output, None, is_disc) / f64::from(largest), "");
     Ok(vec![sound, bright])
 }

@@ -213,16 +213,18 @@ def mended(color, good, missing):
 
 
 def repair(color, key, fireflies="auto"):
-    """[H, W, 3] -> what the network is to see, and what of the light it is not to (kept fireflies), both [H, W, 3].
+    """[H, W, 3] -> what the network is to see, what of the light it is not to (kept fireflies), both [H, W, 3], and where the result
+    is what it sees (lamps of +Inf), a mask.
 
     Negative samples are 0. NaN, -Inf, absurd lone pixels and fireflies are missing. +Inf is the brightest sample around, or
-    where two or more neighbours are infinite too the frame's largest. docs/neutral.md has the rules.
+    where two or more neighbours are infinite too, a lamp, the frame's largest. docs/neutral.md has the rules.
     """
     gone, kept = lone_pixels(color, key, fireflies)
     infinite = color == np.inf
     lone = gone | kept
     missing = lone[..., None] | ~(np.isfinite(color) | infinite)
     result = mended(color, ~lone, missing) if missing.any() else light_of(color)
+    given = np.zeros(color.shape, bool)
     if infinite.any():
         finite = ~lone[..., None] & np.isfinite(color)
         light = np.where(finite, light_of(color), -1).max(-1)
@@ -230,8 +232,9 @@ def repair(color, key, fireflies="auto"):
         lamp = (neighbourhood(pixels.astype(int)).sum(0) - pixels >= 2) | (around < 0)
         value = np.where(lamp, largest_of(color).max(), around)
         result = np.where(infinite & ~lone[..., None], value[..., None], result)
+        given = infinite & lamp[..., None]
     beyond = np.where(kept[..., None], np.maximum(light_of(color) - result, 0), 0)
-    return result.astype(np.float32), beyond.astype(np.float32)
+    return result.astype(np.float32), beyond.astype(np.float32), given
 
 
 def log_color(color, exposure, key, fireflies="auto"):
@@ -240,13 +243,13 @@ def log_color(color, exposure, key, fireflies="auto"):
 
 
 def split(color, exposure, key, fireflies="auto"):
-    """[H, W, 3] radiance -> the network's colour c, and the radiance that goes around it: what is beyond its range, and what is
-    left of kept fireflies."""
-    seen, beyond = repair(color, key, fireflies)
+    """[H, W, 3] radiance -> the network's colour c; the radiance that goes around it: what is beyond its range, and what is left of
+    kept fireflies; and a mask of what is given, all of it: lamps of +Inf, which are nothing but the radiance that goes around."""
+    seen, beyond, given = repair(color, key, fireflies)
     with np.errstate(over="ignore"):
         exposed = seen * np.float32(exposure)
-    beyond = beyond + np.maximum(seen - RANGE / exposure, 0)
-    return np.log1p(np.minimum(exposed, RANGE)).astype(np.float32), beyond.astype(np.float32)
+    beyond = np.where(given, seen, beyond + np.maximum(seen - RANGE / exposure, 0))
+    return np.log1p(np.minimum(exposed, RANGE)).astype(np.float32), beyond.astype(np.float32), given
 
 
 def auxiliary(shape, albedo, normal, depth, depth_scale):
@@ -262,7 +265,8 @@ def auxiliary(shape, albedo, normal, depth, depth_scale):
     return out
 
 
-def finish(log_colour, residual, exposure, largest=np.inf, beyond=0):
-    """The denoised radiance: max(expm1(c + r) / exposure, 0), at most the frame's largest samples, and what went around."""
+def finish(log_colour, residual, exposure, largest=np.inf, beyond=0, given=False):
+    """The denoised radiance: max(expm1(c + r) / exposure, 0), at most the frame's largest samples, and what went around; `given`
+    samples are that alone."""
     denoised = np.maximum(np.expm1(log_colour + residual) / np.float32(exposure), 0)
-    return np.minimum(denoised, np.float32(largest)) + beyond
+    return np.where(given, 0, np.minimum(denoised, np.float32(largest))) + beyond
