@@ -11,9 +11,11 @@ use vkdenoise::kernels::stats::{EXPOSURE, KEY};
 use vkdenoise::net::Graph;
 use vkdenoise::plan::{PlanOptions, plan};
 use vkdenoise::reference::Reference;
+use vkdenoise::testing::Bench;
 use vkdenoise::{
     BufferAddress, BufferFrame, BufferPlane, Denoiser, Device, Error, Exposure, Extent, Features, Fireflies, Frame,
-    FrameOptions, FrameStatistics, Layout, Options, Plane, PlaneMut, Quiet, QuietMode, Region, SampleFormat, Weights,
+    FrameOptions, FrameStatistics, Layout, Options, Plane, PlaneMut, Precision, Quiet, QuietMode, Region, SampleFormat,
+    Weights,
 };
 
 const EXTENT: Extent = Extent::new(150, 100);
@@ -92,6 +94,30 @@ fn harsh_frames_are_the_reference_twice() {
     assert_eq!([0, 1, 2].map(|i| kept[i][clean] > 400.0), [true, true, false], "a star where it is clean");
     assert_eq!([0, 1, 2].map(|i| kept[i][noisy] > 400.0), [false, true, false], "a firefly where it is noisy");
     assert!(kept.iter().all(|output| (output[sun] / 1.6e9 - 1.0).abs() < 1e-3), "a sun");
+    assert_no_validation_messages();
+}
+
+/// Maps of halves and matrices of halves: the rules are the same, and the network's rounding all that differs.
+#[test]
+fn tiers_with_halves_keep_the_rules() {
+    let weights = Weights::hybrid().unwrap();
+    let color = harsh(1);
+    let run = |precision| {
+        let options = Options { precision, ..Options::default() };
+        denoise(&mut Denoiser::new(device(), &weights, &options).unwrap(), &color)
+    };
+    let single = run(Precision::F32);
+    let halves = Bench::can_store_halves(device()).then_some(Precision::F16);
+    for precision in halves.into_iter().chain(device().has_matrices().then_some(Precision::Matrix)) {
+        let found = run(precision);
+        let mut worst = 0.0f32;
+        for (i, (found, single)) in found.iter().zip(&single).enumerate() {
+            let apart = (found - single).abs() / (single + 0.2);
+            assert!(apart <= 0.02, "{precision}: sample {i} is {found:e}, not {single:e}");
+            worst = worst.max(apart);
+        }
+        println!("{precision}: at most {worst:.1e} of value and key from 32-bit floats");
+    }
     assert_no_validation_messages();
 }
 
