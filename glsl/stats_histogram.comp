@@ -61,7 +61,7 @@ void main() {
         uvec2 at = uvec2(index % width, index / width);
         if ((flags & FLAG_COLOR) != 0u) {
             vec3 radiance = read_color(at);
-            float l = is_valid(radiance) ? luminance(radiance) : 0.0;
+            float l = all(are_finite(radiance)) ? luminance(light_of(radiance)) : 0.0;
             if (l > 0.0) count(floatBitsToUint(l) >> LUMINANCE_SHIFT, window);
         }
         if ((flags & FLAG_DEPTH) != 0u) {

@@ -385,6 +385,7 @@ fn failures_name_what_is_wrong_before_a_device_is_opened() {
         (2, "Usage", arguments!["-o", out].to_vec()),
         (2, "number above 0", arguments![good, "-o", out, "--exposure", "0"].to_vec()),
         (2, "from 0 to 1", arguments![good, "-o", out, "--blend", "1.5"].to_vec()),
+        (2, "auto, keep or mend", arguments![good, "-o", out, "--fireflies", "all"].to_vec()),
         (2, "0 or above", arguments![good, "-o", out, "--skip-below", "-1"].to_vec()),
         (2, "exact or approximate", arguments![good, "-o", out, "--skip-mode", "some"].to_vec()),
         (1, "region", arguments![good, "-o", out, "--region", "0,0,33,1"].to_vec()),

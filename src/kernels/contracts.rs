@@ -293,11 +293,11 @@ contracts! {
             { "IMAGES": "1" } COLOR_DEPTH_IMAGES, &[];
         /// Median or depth scale.
         STATS_SELECT = "stats_select" "stats_select.comp" StatsSelectPush {} &[], &[];
-        /// Log-luminance of tiles.
+        /// Light and noise of tiles.
         STATS_TILES = "stats_tiles" "stats_tiles.comp" StatsTilesPush {} &[], &[];
-        /// Log-luminance of an image's tiles.
+        /// Light and noise of an image's tiles.
         STATS_TILES_IMAGE = "stats_tiles_image" "stats_tiles.comp" StatsTilesPush { "IMAGES": "1" } COLOR_IMAGE, &[];
-        /// Key and exposure.
+        /// Key, exposure, noise and largest samples.
         STATS_KEY = "stats_key" "stats_key.comp" StatsKeyPush {} &[], &[];
         /// Noise of the map's squares.
         TILE_NOISE = "tile_noise" "tile_noise.comp" TileNoisePush {} &[], &[];

@@ -85,11 +85,12 @@ impl Engine {
         let selector = args.device.clone().or_else(DeviceSelector::from_env).unwrap_or_default();
         let cache = args.cache.clone();
         let device = Device::open_with(&DeviceOptions { selector, cache, ..DeviceOptions::default() })?;
-        let Args { precision, exposure, blend, memory_budget, .. } = args;
+        let Args { precision, exposure, blend, fireflies, memory_budget, .. } = args;
         let options = Options {
             precision: if *precision == Precision::Auto { args.quality.precision(&device) } else { *precision },
             exposure: *exposure,
             blend: *blend,
+            fireflies: *fireflies,
             memory_budget: memory_budget.map(|mib| mib << 20),
             quiet: args.quiet(),
             ..Options::default()
