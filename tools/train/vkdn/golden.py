@@ -10,7 +10,7 @@ weights none):
     color, albedo, normal [H, W, 3] f16, depth [H, W] f16    the planes, as a renderer writes them
     log_color [H, W, 3] f32                                  network input c
     aux [H, W, 7] f32                                        network input, albedo, normal, depth
-    residual.<architecture> [H, W, 3] f32                    network output r, cropped
+    residual.<architecture> [H, W, 3] f32                    network output less c, cropped
 """
 import argparse
 
@@ -47,7 +47,8 @@ class Case:
 
     def residual(self, model):
         with torch.inference_mode():
-            return to_image(predict(model.double(), self.color.double(), self.aux.double()))
+            color, aux = self.color.double(), self.aux.double()
+            return to_image(predict(model.double(), color, aux) - color)
 
 
 def to_image(t):

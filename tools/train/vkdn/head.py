@@ -84,7 +84,7 @@ def average(logits, reliability, image):
     """[N, T, H, W], [N, 1, H, W], [N, C, H, W]: every pixel's mean over T taps, by exp(logit) times the reliability (above 0) of the
     tap; taps outside the image do not count."""
     counted = torch.cat(list(shifted(reliability, logits.shape[1])), 1)
-    scores = torch.where(counted > 0, logits + counted.clamp_min(1e-30).log(), -torch.inf)
+    scores = (logits + counted.clamp_min(1e-30).log()).masked_fill(counted <= 0, -torch.inf)
     return WeightedSum.apply(scores.softmax(1), image)
 
 

@@ -121,6 +121,6 @@ def auxiliary(shape, albedo, normal, depth, depth_scale):
     return out
 
 
-def finish(log_colour, residual, exposure):
-    """The denoised radiance: max(expm1(c + r) / exposure, 0)."""
-    return np.maximum(np.expm1(log_colour + residual) / np.float32(exposure), 0)
+def finish(log_output, exposure):
+    """The denoised radiance: max(expm1(output) / exposure, 0)."""
+    return np.maximum(np.expm1(log_output) / np.float32(exposure), 0)
