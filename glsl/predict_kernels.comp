@@ -59,11 +59,19 @@ const uint BIASES_AT = ROW_AT + HIDDEN;
 const uint HIDDEN_AT = BIASES_AT + 12u;
 const uint OUTPUTS_AT = HIDDEN_AT + 4u * HIDDEN * 4u * INPUTS;
 // Outputs: 25 logits, nine of the albedo's kernel from the eighth vector on, five shares and the gate from the eleventh on.
-const uint TAPS_VECTORS = 7u;
-const uint ALBEDO_VECTORS = 3u;
+const uint ALBEDO_AT = 7u;
+const uint SHARES_AT = 10u;
+const uint VECTORS = 12u;
 
-shared vec4 taps[SIDE * SIDE];                 // of every pixel b times the image, and b; zeros outside the frame
-shared vec4 demodulators[SIDE * SIDE];         // what the radiance is divided by, and 1; zeros outside
+// What taps read: of every pixel b times the image, and b; then what its radiance is divided by, and 1. Zeros outside the frame.
+shared vec4 taps[2 * SIDE * SIDE];
+
+// CPU drivers compile such kernels for seconds where loops are unrolled.
+#ifdef TEXELS
+#define ROLLED
+#else
+#define ROLLED [[unroll]]
+#endif
 
 vec4 hidden[TX * HIDDEN];
 vec4 outputs[TX];
@@ -128,16 +136,21 @@ void main() {
             inputs[p * INPUTS + HIDDEN] = LOAD_WEIGHTS(color, pixels[p] * color_stride);
             inputs[p * INPUTS + HIDDEN + 1] = LOAD_WEIGHTS(residual, pixels[p] * residual_stride);
         }
-        [[unroll]] for (int n = 0; n < HIDDEN; ++n) {
+        ROLLED for (int n = 0; n < HIDDEN; ++n) {
             vec4 bias = LOAD_WEIGHTS(weights, phase * HIDDEN + n);
             vec4 values[TX];
             [[unroll]] for (int p = 0; p < TX; ++p) values[p] = bias + LOAD(early, pixels[p] * early_stride + n);
             ADD_PRODUCTS(values, TO_HIDDEN, INPUTS, HIDDEN_AT + (phase * HIDDEN + n) * (4 * INPUTS))
-            [[unroll]] for (int p = 0; p < TX; ++p) hidden[p * HIDDEN + n] = max(values[p], 0.01 * values[p]);
+            [[unroll]] for (int p = 0; p < TX; ++p) {
+                values[p] = max(values[p], 0.01 * values[p]);
+                [[unroll]] for (int to = 0; to < HIDDEN; ++to) {
+                    if (to == n) hidden[p * HIDDEN + to] = values[p];
+                }
+            }
         }
         // The reliability's bias stands among those of the outputs, where no output is.
         float raw[TX];
-        [[unroll]] for (int p = 0; p < TX; ++p) raw[p] = LOAD_WEIGHTS(weights, BIASES_AT + TAPS_VECTORS - 1u).y;
+        [[unroll]] for (int p = 0; p < TX; ++p) raw[p] = LOAD_WEIGHTS(weights, BIASES_AT + ALBEDO_AT - 1u).y;
         [[unroll]] for (int n = 0; n < HIDDEN; ++n) {
             vec4 row = LOAD_WEIGHTS(weights, ROW_AT + n);
             [[unroll]] for (int p = 0; p < TX; ++p) raw[p] += dot(hidden[p * HIDDEN + n], row);
@@ -154,7 +167,7 @@ void main() {
             float b = reliability(raw[p]);
             int to = place(token, phase);
             taps[to] = inside ? vec4(b * image, b) : vec4(0.0);
-            demodulators[to] = inside ? vec4(a, 1.0) : vec4(0.0);
+            taps[SIDE * SIDE + to] = inside ? vec4(a, 1.0) : vec4(0.0);
         }
     }
     barrier();
@@ -165,39 +178,35 @@ void main() {
         places[p] = place(own + ivec2(p, 0), phase);
         averages[p] = no_average();
     }
-    for (uint n = 0u; n < TAPS_VECTORS; ++n) {
-        predict(n);
-        [[unroll]] for (int p = 0; p < TX; ++p) {
-            vec4 read[4];
-            [[unroll]] for (uint i = 0u; i < 4u; ++i) {
-                uint tap = min(4u * n + i, 24u);
-                read[i] = taps[places[p] + (int(tap / 5u) - 2) * SIDE + int(tap % 5u) - 2];
-                if (4u * n + i > 24u) read[i] = vec4(0.0);
-            }
-            averages[p] = with_taps(averages[p], outputs[p], read);
-        }
-    }
     vec3 full[TX];
-    [[unroll]] for (int p = 0; p < TX; ++p) {
-        full[p] = averages[p].sum.xyz / averages[p].sum.w;
-        averages[p] = no_average();
-    }
-    for (uint n = 0u; n < ALBEDO_VECTORS; ++n) {
-        predict(TAPS_VECTORS + n);
+    vec4 first[TX];
+    for (uint n = 0u; n < VECTORS; ++n) {
+        predict(n);
+        if (n >= SHARES_AT) {
+            if (n == SHARES_AT) {
+                [[unroll]] for (int p = 0; p < TX; ++p) first[p] = outputs[p];
+            }
+            continue;
+        }
+        bool of_albedo = n >= ALBEDO_AT;
+        uint side = of_albedo ? 3u : 5u;
+        uint tap_0 = 4u * (of_albedo ? n - ALBEDO_AT : n);
+        int from = of_albedo ? SIDE * SIDE : 0;
         [[unroll]] for (int p = 0; p < TX; ++p) {
+            if (n == ALBEDO_AT) {
+                full[p] = averages[p].sum.xyz / averages[p].sum.w;
+                averages[p] = no_average();
+            }
             vec4 read[4];
             [[unroll]] for (uint i = 0u; i < 4u; ++i) {
-                uint tap = min(4u * n + i, 8u);
-                read[i] = demodulators[places[p] + (int(tap / 3u) - 1) * SIDE + int(tap % 3u) - 1];
-                if (4u * n + i > 8u) read[i] = vec4(0.0);
+                uint tap = min(tap_0 + i, side * side - 1u);
+                ivec2 offset = ivec2(tap % side, tap / side) - int(side / 2u);
+                read[i] = taps[from + places[p] + offset.y * SIDE + offset.x];
+                if (tap_0 + i >= side * side) read[i] = vec4(0.0);
             }
             averages[p] = with_taps(averages[p], outputs[p], read);
         }
     }
-    vec4 first[TX];
-    predict(TAPS_VECTORS + ALBEDO_VECTORS);
-    [[unroll]] for (int p = 0; p < TX; ++p) first[p] = outputs[p];
-    predict(TAPS_VECTORS + ALBEDO_VECTORS + 1u);
     [[unroll]] for (int p = 0; p < TX; ++p) {
         // The shares of five levels, of which the last may be impossible.
         float most = max(max(max(first[p].x, first[p].y), max(first[p].z, first[p].w)), outputs[p].x);

@@ -7,19 +7,11 @@ use common::case::{Cases, KERNEL_LIMIT, PREPROCESSING};
 use common::dense::size;
 use vkdenoise::kernels::predicted::{ApplyKernels, Halve, MixLevels, PredictKernels};
 use vkdenoise::kernels::{Call, Storage, View};
-use vkdenoise::net::{Arch, Head, KernelHead, Weights};
+use vkdenoise::net::{Arch, Head, Weights};
 use vkdenoise::plan::pack::Pack;
 
-/// Sides of the levels.
-const FEWEST: [u32; 3] = [1, 2, 4];
-const MOST: [u32; 5] = [1, 2, 4, 8, 16];
-
-fn headed(levels: &[u32], gated: bool) -> Arch {
-    Arch { head: Head::Kernels(KernelHead { levels: levels.to_vec(), gated }), ..Arch::hybrid() }
-}
-
-fn cases(levels: &[u32]) -> Cases {
-    Cases::new(11, Weights::hashed(&headed(levels, true), PREPROCESSING, 3).unwrap())
+fn cases(head: Head) -> Cases {
+    Cases::new(11, Weights::hashed(&Arch { head, ..Arch::hybrid() }, PREPROCESSING, 3).unwrap())
 }
 
 /// A map in 32-bit floats whatever others are stored as.
@@ -33,8 +25,8 @@ fn full(cases: &mut Cases, make: impl FnOnce(&mut Cases) -> View) -> View {
 #[test]
 fn predict_kernels() {
     for storage in [Storage::F32, Storage::F16] {
-        for levels in [&FEWEST[..], &MOST] {
-            let mut cases = cases(levels);
+        for (levels, head) in [(3, Head::gated()), (5, Head::pure())] {
+            let mut cases = cases(head);
             cases.storage = storage;
             for case in 0..10 {
                 let tokens = size(&mut cases, 8);
@@ -47,7 +39,7 @@ fn predict_kernels() {
                     albedo: cases.map(pixels, 4, 1.2),
                     color: full(&mut cases, |cases| cases.map_between(pixels, 4, 0.0, 0.7)),
                     residual: full(&mut cases, |cases| cases.map(pixels, 4, 0.5)),
-                    weights: cases.pack(Pack::Kernels { head: "head".into(), levels: levels.len() as u32 }),
+                    weights: cases.pack(Pack::Kernels { head: "head".into(), levels }),
                     dst: full(&mut cases, |cases| cases.target(pixels, 12)),
                     sums: full(&mut cases, |cases| cases.target(tokens, 4)),
                     tiles: cases.tiles(tokens),
@@ -56,14 +48,14 @@ fn predict_kernels() {
                 cases.add(Call::PredictKernels(call.clone()), dst);
                 cases.add(Call::PredictKernels(call), sums);
             }
-            cases.check(&format!("predict_kernels of {} levels, {storage:?}", levels.len()), KERNEL_LIMIT);
+            cases.check(&format!("predict_kernels of {levels} levels, {storage:?}"), KERNEL_LIMIT);
         }
     }
 }
 
 #[test]
 fn halve() {
-    let mut cases = cases(&FEWEST);
+    let mut cases = cases(Head::gated());
     for channels in [4, 8, 12].repeat(4) {
         let small = size(&mut cases, 8);
         let (src, dst) = (cases.map((2 * small.0, 2 * small.1), channels, 3.0), cases.target(small, channels));
@@ -77,7 +69,7 @@ fn halve() {
 #[test]
 fn apply_kernels() {
     for storage in [Storage::F32, Storage::F16] {
-        let mut cases = cases(&FEWEST);
+        let mut cases = cases(Head::gated());
         cases.storage = storage;
         for channels in [4, 8].repeat(5) {
             let size = size(&mut cases, 8);
@@ -99,7 +91,7 @@ fn apply_kernels() {
 
 #[test]
 fn mix_levels() {
-    let mut cases = cases(&MOST);
+    let mut cases = cases(Head::pure());
     for (levels, channels, gated) in [(2, 4, true), (4, 4, false), (4, 8, true), (2, 12, false)].repeat(4) {
         let (width, height) = size(&mut cases, 8);
         // The coarsest level has tiles of its own.

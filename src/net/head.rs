@@ -2,10 +2,13 @@
 //!
 //! Its JSON form stands in the architecture of a weights file, shared with the training kit (`tools/train/vkdn/arch.py`).
 
+use std::str::FromStr;
+
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize};
 
 use super::arch::{Arch, ArchError, Decoder, check};
+use crate::error::Error;
 
 /// Numbers of a pixel from which its kernels are predicted.
 pub const HIDDEN: u32 = 32;
@@ -32,8 +35,8 @@ pub enum Head {
 }
 
 /// Kernels over the radiance, divided by the albedo, at full size and over means of it.
-#[derive(Debug, Clone, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(tag = "kind", rename = "kernels", deny_unknown_fields)]
+#[derive(Debug, Clone, PartialEq, Eq, Serialize)]
+#[serde(tag = "kind", rename = "kernels")]
 pub struct KernelHead {
     /// Sides in pixels of the squares whose means the kernels are over, the first being 1: 1, 2, 4, or these and 8, 16.
     pub levels: Vec<u32>,
@@ -41,10 +44,27 @@ pub struct KernelHead {
     pub gated: bool,
 }
 
+/// A head as a file describes it.
+#[derive(Deserialize)]
+#[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
+enum Described {
+    Kernels { levels: Vec<u32>, gated: bool },
+}
+
 /// The levels that a head can have.
 const LEVELS: [&[u32]; 2] = [&[1, 2, 4], &[1, 2, 4, 8, 16]];
 
 impl Head {
+    /// Kernels alone, over five levels: black stays black, a constant stays what it is.
+    pub fn pure() -> Self {
+        Self::Kernels(KernelHead { levels: LEVELS[1].to_vec(), gated: false })
+    }
+
+    /// Kernels over three levels, the residual mixed in.
+    pub fn gated() -> Self {
+        Self::Kernels(KernelHead { levels: LEVELS[0].to_vec(), gated: true })
+    }
+
     /// Whether there are no kernels.
     pub fn is_residual(&self) -> bool {
         *self == Self::Residual
@@ -74,6 +94,23 @@ impl Head {
     }
 }
 
+impl FromStr for Head {
+    type Err = Error;
+
+    /// `residual`, `pure` or `gated`.
+    fn from_str(text: &str) -> Result<Self, Error> {
+        match text {
+            "residual" => Ok(Self::Residual),
+            "pure" => Ok(Self::pure()),
+            "gated" => Ok(Self::gated()),
+            other => {
+                let reason = format!("'{other}'; it can be residual, pure or gated");
+                Err(Error::InvalidOption { option: "head", reason })
+            }
+        }
+    }
+}
+
 impl<'de> Deserialize<'de> for Head {
     /// The word `"residual"`, or the kernels' description.
     fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
@@ -81,7 +118,9 @@ impl<'de> Deserialize<'de> for Head {
         if value.as_str() == Some("residual") {
             return Ok(Self::Residual);
         }
-        serde_json::from_value(value).map(Self::Kernels).map_err(|error| D::Error::custom(format!("head: {error}")))
+        let described = serde_json::from_value(value).map_err(|error| D::Error::custom(format!("head: {error}")))?;
+        let Described::Kernels { levels, gated } = described;
+        Ok(Self::Kernels(KernelHead { levels, gated }))
     }
 }
 

@@ -175,7 +175,7 @@ mod tests {
     use super::*;
     use crate::net::arch::{Block, Convolution};
     use crate::net::graph::Shape;
-    use crate::net::head::{Head, KernelHead};
+    use crate::net::head::Head;
     use std::collections::HashSet;
 
     /// The named networks and some that are none of them.
@@ -190,10 +190,7 @@ mod tests {
         least.channels = 8;
         least.stages.truncate(1);
         least.bottleneck.heads = 1;
-        let headed = [(true, [1, 2, 4].to_vec()), (false, [1, 2, 4, 8, 16].to_vec())].map(|(gated, levels)| {
-            let head = Head::Kernels(KernelHead { levels, gated });
-            Arch { head, ..Arch::hybrid() }
-        });
+        let headed = [Head::pure(), Head::gated()].map(|head| Arch { head, ..Arch::hybrid() });
         Arch::NAMES.iter().filter_map(|n| Arch::named(n)).chain([separable, deepest, least]).chain(headed).collect()
     }
 
