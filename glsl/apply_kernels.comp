@@ -1,5 +1,5 @@
-// Kernels of every token over images stored as sums and their weight. A group works on one tile of 8x8 tokens; what they read of an
-// image lies in shared memory.
+// Kernels of every token over images stored as sums and their weight. A group works on one tile of 8x8 tokens. On GPUs
+// what they read of an image lies in shared memory; CPU drivers read that more slowly than texels.
 #version 460
 #extension GL_EXT_control_flow_attributes : require
 #include "shared/storage.glsl"
@@ -27,9 +27,17 @@ layout(push_constant) uniform Push {
     uint unused;
 };
 
-const int SIDE = 12;      // the tile and two tokens on each side
+// What a tap reads; zeros outside the map.
+vec4 load_tap(ivec2 at, uint image) {
+    bool inside = min(at.x, at.y) >= 0 && at.x < int(width) && at.y < int(height);
+    uvec2 clamped = uvec2(clamp(at, ivec2(0), ivec2(width, height) - 1));
+    return mix(vec4(0.0), LOAD_WEIGHTS(sums, (clamped.y * width + clamped.x) * sums_stride + image), bvec4(inside));
+}
 
+#ifndef TEXELS
+const int SIDE = 12;      // the tile and two tokens on each side
 shared vec4 taps[SIDE * SIDE];
+#endif
 
 void main() {
     uint slot = group_index();
@@ -38,20 +46,23 @@ void main() {
     ivec2 own = ivec2(gl_LocalInvocationID.x % 8u, gl_LocalInvocationID.x / 8u);
     uint at = uint(origin.y + own.y) * width + uint(origin.x + own.x);
     for (uint image = 0u; image < images; ++image) {
+#ifndef TEXELS
         barrier();
         for (int i = int(gl_LocalInvocationID.x); i < SIDE * SIDE; i += 64) {
-            ivec2 from = origin + ivec2(i % SIDE, i / SIDE) - 2;
-            bool inside = min(from.x, from.y) >= 0 && from.x < int(width) && from.y < int(height);
-            uvec2 clamped = uvec2(clamp(from, ivec2(0), ivec2(width, height) - 1));
-            taps[i] = inside ? LOAD_WEIGHTS(sums, (clamped.y * width + clamped.x) * sums_stride + image) : vec4(0.0);
+            taps[i] = load_tap(origin + ivec2(i % SIDE, i / SIDE) - 2, image);
         }
         barrier();
+#endif
         Average average = no_average();
         for (uint n = 0u; n < 7u; ++n) {
             vec4 read[4];
             [[unroll]] for (uint i = 0u; i < 4u; ++i) {
-                uint tap = min(4u * n + i, 24u);
-                read[i] = taps[(own.y + int(tap / 5u)) * SIDE + own.x + int(tap % 5u)];
+                ivec2 offset = offset_in_5x5(4u * n + i);
+#ifdef TEXELS
+                read[i] = load_tap(origin + own + offset, image);
+#else
+                read[i] = taps[(own.y + offset.y + 2) * SIDE + own.x + offset.x + 2];
+#endif
                 if (4u * n + i > 24u) read[i] = vec4(0.0);
             }
             average = with_taps(average, LOAD(logits, at * logits_stride + n), read);

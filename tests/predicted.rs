@@ -3,9 +3,9 @@
 
 mod common;
 
-use common::case::{Cases, KERNEL_LIMIT, PREPROCESSING};
+use common::case::{Cases, KERNEL_LIMIT, PREPROCESSING, STORAGES};
 use common::dense::size;
-use vkdenoise::kernels::predicted::{ApplyKernels, Halve, MixLevels, PredictKernels};
+use vkdenoise::kernels::predicted::{ApplyKernels, Halve, KernelInputs, MixLevels, PredictKernels};
 use vkdenoise::kernels::{Call, Storage, View};
 use vkdenoise::net::{Arch, Head, Weights};
 use vkdenoise::plan::pack::Pack;
@@ -23,8 +23,8 @@ fn full(cases: &mut Cases, make: impl FnOnce(&mut Cases) -> View) -> View {
 }
 
 #[test]
-fn predict_kernels() {
-    for storage in [Storage::F32, Storage::F16] {
+fn kernel_inputs() {
+    for (storage, limit) in STORAGES {
         for (levels, head) in [(3, Head::gated()), (5, Head::pure())] {
             let mut cases = cases(head);
             cases.storage = storage;
@@ -33,20 +33,46 @@ fn predict_kernels() {
                 let pixels = (2 * tokens.0, 2 * tokens.1);
                 // Hidden numbers of some tens have reliabilities beyond what a float holds.
                 let scale = if case == 0 { 60.0 } else { 2.0 };
-                let call = PredictKernels {
+                let call = KernelInputs {
                     early: cases.map(pixels, 32, scale),
                     tokens: cases.map(tokens, 32, 2.0),
                     albedo: cases.map(pixels, 4, 1.2),
                     color: full(&mut cases, |cases| cases.map_between(pixels, 4, 0.0, 0.7)),
                     residual: full(&mut cases, |cases| cases.map(pixels, 4, 0.5)),
                     weights: cases.pack(Pack::Kernels { head: "head".into(), levels }),
-                    dst: full(&mut cases, |cases| cases.target(pixels, 12)),
-                    sums: full(&mut cases, |cases| cases.target(tokens, 4)),
+                    dst: cases.target(pixels, 32),
+                    taps: full(&mut cases, |cases| cases.target(pixels, 4)),
                     tiles: cases.tiles(tokens),
                 };
-                let (dst, sums) = (call.dst.buffer, call.sums.buffer);
-                cases.add(Call::PredictKernels(call.clone()), dst);
-                cases.add(Call::PredictKernels(call), sums);
+                let (dst, taps) = (call.dst.buffer, call.taps.buffer);
+                cases.add(Call::KernelInputs(call.clone()), dst);
+                cases.add(Call::KernelInputs(call), taps);
+            }
+            cases.check(&format!("kernel_inputs of {levels} levels, {storage:?}"), limit);
+        }
+    }
+}
+
+/// Weights of what taps read that are negative do not count, as those of zero.
+#[test]
+fn predict_kernels() {
+    for storage in [Storage::F32, Storage::F16] {
+        for (levels, head) in [(3, Head::gated()), (5, Head::pure())] {
+            let mut cases = cases(head);
+            cases.storage = storage;
+            for case in 0..10 {
+                let pixels = size(&mut cases, 8);
+                let least = if case % 2 == 0 { 0.01 } else { -0.1 };
+                let call = PredictKernels {
+                    hidden: cases.map(pixels, 32, 2.0),
+                    taps: full(&mut cases, |cases| cases.map_between(pixels, 4, least, 1.0)),
+                    albedo: cases.map(pixels, 4, 1.2),
+                    weights: cases.pack(Pack::Kernels { head: "head".into(), levels }),
+                    dst: full(&mut cases, |cases| cases.target(pixels, 12)),
+                    tiles: cases.tiles(pixels),
+                };
+                let dst = call.dst.buffer;
+                cases.add(Call::PredictKernels(call), dst);
             }
             cases.check(&format!("predict_kernels of {levels} levels, {storage:?}"), KERNEL_LIMIT);
         }

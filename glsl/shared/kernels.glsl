@@ -34,3 +34,14 @@ Average with_taps(Average average, vec4 logits, vec4 read[4]) {
     vec4 sum = average.sum * exp(average.largest - largest);
     return Average(sum + shares.x * read[0] + shares.y * read[1] + shares.z * read[2] + shares.w * read[3], largest);
 }
+
+// Where a tap reads, from the middle. Divided by multiplication: CPU drivers divide lane by lane.
+ivec2 offset_in_5x5(uint tap) {
+    uint row = tap * 13u >> 6;
+    return ivec2(tap - 5u * row, row) - 2;
+}
+
+ivec2 offset_in_3x3(uint tap) {
+    uint row = tap * 11u >> 5;
+    return ivec2(tap - 3u * row, row) - 1;
+}

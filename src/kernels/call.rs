@@ -20,6 +20,8 @@ pub enum Call {
     Separable3x3(separable::Separable3x3),
     /// Tokens of 2x2 to pixels.
     Unembed(unembed::Unembed),
+    /// What kernels are predicted from.
+    KernelInputs(predicted::KernelInputs),
     /// Predicted kernels at full size.
     PredictKernels(predicted::PredictKernels),
     /// Means of 2x2 tokens.
@@ -79,7 +81,8 @@ impl Call {
             Self::Linear(k) => of(&k.tiles, &k.dst),
             Self::Depthwise3x3(k) => of(&k.tiles, &k.dst),
             Self::Unembed(k) => of(&k.tiles, &k.src),
-            Self::PredictKernels(k) => of(&k.tiles, &k.tokens),
+            Self::KernelInputs(k) => of(&k.tiles, &k.tokens),
+            Self::PredictKernels(k) => of(&k.tiles, &k.dst),
             Self::Halve(k) => of(&k.tiles, &k.dst),
             Self::ApplyKernels(k) => of(&k.tiles, &k.dst),
             Self::MixLevels(k) => of(&k.tiles, &k.dst),
@@ -106,6 +109,7 @@ impl Call {
             Self::Linear(k) => &mut k.tiles,
             Self::Depthwise3x3(k) => &mut k.tiles,
             Self::Unembed(k) => &mut k.tiles,
+            Self::KernelInputs(k) => &mut k.tiles,
             Self::PredictKernels(k) => &mut k.tiles,
             Self::Halve(k) => &mut k.tiles,
             Self::ApplyKernels(k) => &mut k.tiles,
@@ -130,6 +134,7 @@ impl Call {
             Self::Linear(k) => Some(&k.dst),
             Self::Depthwise3x3(k) => Some(&k.dst),
             Self::Unembed(k) => Some(&k.dst),
+            Self::KernelInputs(k) => Some(&k.dst),
             Self::PredictKernels(k) => Some(&k.dst),
             Self::Halve(k) => Some(&k.dst),
             Self::ApplyKernels(k) => Some(&k.dst),
@@ -147,7 +152,7 @@ impl Call {
     /// All maps that it writes.
     pub fn results(&self) -> Vec<&View> {
         let more = match self {
-            Self::PredictKernels(k) => Some(&k.sums),
+            Self::KernelInputs(k) => Some(&k.taps),
             _ => None,
         };
         self.result().into_iter().chain(more).collect()
@@ -161,7 +166,7 @@ impl Call {
             Self::Separable3x3(k) => vec![&k.depthwise.src],
             Self::Depthwise3x3(k) => vec![&k.src],
             Self::Unembed(k) => vec![&k.src],
-            Self::PredictKernels(k) => vec![&k.early, &k.tokens, &k.albedo, &k.color, &k.residual],
+            Self::PredictKernels(k) => vec![&k.taps, &k.albedo],
             Self::ApplyKernels(k) => vec![&k.sums],
             Self::MixLevels(k) => k.levels.iter().collect(),
             _ => vec![],
@@ -177,6 +182,7 @@ impl Call {
             Self::Depthwise3x3(k) => k,
             Self::Separable3x3(k) => k,
             Self::Unembed(k) => k,
+            Self::KernelInputs(k) => k,
             Self::PredictKernels(k) => k,
             Self::Halve(k) => k,
             Self::ApplyKernels(k) => k,

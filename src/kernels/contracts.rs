@@ -49,12 +49,18 @@ const SEPARABLE_TEXELS: &[Binding] = &[
 ];
 const MAP_TEXELS: &[Binding] = &[SRC_TEXELS, WEIGHTS_TEXELS];
 const SRC_ONLY_TEXELS: &[Binding] = &[SRC_TEXELS];
-const PREDICT_TEXELS: &[Binding] = &[
+const KERNEL_INPUTS_TEXELS: &[Binding] = &[
     Binding { name: "early_texels", ty: BindingType::TexelBuffer },
     Binding { name: "tokens_texels", ty: BindingType::TexelBuffer },
     Binding { name: "albedo_texels", ty: BindingType::TexelBuffer },
     Binding { name: "color_texels", ty: BindingType::TexelBuffer },
     RESIDUAL_TEXELS,
+    WEIGHTS_TEXELS,
+];
+const PREDICT_TEXELS: &[Binding] = &[
+    Binding { name: "hidden_texels", ty: BindingType::TexelBuffer },
+    Binding { name: "taps_texels", ty: BindingType::TexelBuffer },
+    Binding { name: "albedo_texels", ty: BindingType::TexelBuffer },
     WEIGHTS_TEXELS,
 ];
 const APPLY_TEXELS: &[Binding] = &[
@@ -240,6 +246,11 @@ contracts! {
         EXPAND = "expand" "expand.comp" ExpandPush {} &[], &[], HALVES;
         /// The same for CPU drivers.
         EXPAND_CPU = "expand_cpu" "expand.comp" ExpandPush { "TEXELS": "1" } SRC_ONLY_TEXELS, CPU, CPU_HALVES;
+        /// What kernels of pixels are predicted from.
+        KERNEL_INPUTS = "kernel_inputs" "kernel_inputs.comp" KernelInputsPush { "TX": "2" } &[], &[], HALVES;
+        /// The same for CPU drivers.
+        KERNEL_INPUTS_CPU = "kernel_inputs_cpu" "kernel_inputs.comp" KernelInputsPush
+            { "TX": "4", "LANES_SHARE": "1", "TEXELS": "1" } KERNEL_INPUTS_TEXELS, CPU, CPU_HALVES;
         /// Zeros.
         FILL = "fill" "fill.comp" FillPush {} &[], &[], HALVES;
         /// Partial sums of tokens.

@@ -1,21 +1,26 @@
 //! The head of predicted kernels: every pixel a mean of pixels ([`crate::net::head`]).
 
 use super::contract::Contract;
-use super::contracts;
-use super::pushes::{ApplyKernelsPush, HalvePush, MixLevelsPush, PredictKernelsPush};
+use super::contracts::{self, halves};
+use super::pushes::{ApplyKernelsPush, HalvePush, KernelInputsPush, MixLevelsPush, PredictKernelsPush};
 use super::{
-    Addresses, BufferId, Kernel, PushBytes, Storage, TexelRange, Tiles, Traffic, Variants, View, flags, groups,
+    Addresses, BufferId, Kernel, PushBytes, Storage, TexelRange, Tiles, Traffic, Variants, View, by_storage, flags,
+    groups,
 };
 
-/// Packed weights of [`PredictKernels`], in 32-bit floats: biases and the reliability's row, then 40 inputs of 32 hidden
-/// numbers for each of a token's pixels, then 32 inputs of 48 outputs.
-pub const WEIGHTS: usize = (4 * 32 + 32 + 48) + 4 * 32 * 40 + 48 * 32;
-/// Tokens beyond its own whose pixels a pixel's kernel reads.
+/// Packed weights that [`KernelInputs`] reads, in 32-bit floats: biases and the reliability's row, then 40 inputs of 32
+/// hidden numbers for each of a token's pixels.
+const HIDDEN_WEIGHTS: usize = (4 * 32 + 32) + 4 * 32 * 40;
+/// All of them, with those that [`PredictKernels`] reads: biases, and 32 inputs of 48 outputs.
+pub const WEIGHTS: usize = HIDDEN_WEIGHTS + 48 + 48 * 32;
+/// How far beyond itself a kernel reads, in tokens of its image.
 pub const REACH: u32 = 2;
+/// How far a kernel over albedo reads.
+pub const ALBEDO_REACH: u32 = 1;
 
-/// The kernels of every pixel, predicted and applied at full size ([`crate::net::OpKind::PredictKernels`]).
+/// What kernels of pixels are predicted from, and what they read ([`crate::net::OpKind::KernelInputs`]).
 #[derive(Clone, Debug, PartialEq)]
-pub struct PredictKernels {
+pub struct KernelInputs {
     /// Pixels: what earlier maps add to what is predicted from, 32 channels.
     pub early: View,
     /// Tokens of 2x2 pixels, 32 channels.
@@ -28,21 +33,19 @@ pub struct PredictKernels {
     pub residual: View,
     /// Packed weights ([`crate::plan::pack::Pack::Kernels`]).
     pub weights: BufferId,
-    /// Pixels, 32-bit floats: the mean times the first level's share and the share, the mean albedo and the gate, the other
-    /// levels' shares.
+    /// Pixels: what is predicted from, 32 channels.
     pub dst: View,
-    /// Tokens, 32-bit floats: the mean of reliability times image and that of reliability.
-    pub sums: View,
+    /// Pixels, 32-bit floats: the reliability times the image, and the reliability.
+    pub taps: View,
     /// Tiles of the tokens.
     pub tiles: Tiles,
 }
 
-impl Kernel for PredictKernels {
+impl Kernel for KernelInputs {
     fn contract(&self, variants: Variants) -> &'static Contract {
-        match (variants.for_texels(&self.texels()).cpu, self.early.storage) {
-            (true, _) => &contracts::PREDICT_KERNELS_CPU,
-            (false, Storage::F32) => &contracts::PREDICT_KERNELS,
-            (false, Storage::F16) => &contracts::PREDICT_KERNELS_FROM_F16,
+        match variants.for_texels(&self.texels()).cpu {
+            true => by_storage(self.dst.storage, &contracts::KERNEL_INPUTS_CPU, &halves::KERNEL_INPUTS_CPU),
+            false => by_storage(self.dst.storage, &contracts::KERNEL_INPUTS, &halves::KERNEL_INPUTS),
         }
     }
 
@@ -51,28 +54,28 @@ impl Kernel for PredictKernels {
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {
-        PushBytes::new(&PredictKernelsPush {
+        PushBytes::new(&KernelInputsPush {
             early: at.view(&self.early),
             tokens: at.view(&self.tokens),
             albedo: at.view(&self.albedo),
             color: at.view(&self.color),
             residual: at.view(&self.residual),
             weights: at.of(self.weights),
-            dst: at.view(&self.dst),
-            sums: at.view(&self.sums),
+            hidden: at.view(&self.dst),
+            taps: at.view(&self.taps),
             tiles: at.tiles(&self.tiles),
             width: self.tokens.width,
-            height: self.tokens.height,
             early_stride: self.early.stride / 4,
             tokens_stride: self.tokens.stride / 4,
             albedo_stride: self.albedo.stride / 4,
             color_stride: self.color.stride / 4,
             residual_stride: self.residual.stride / 4,
-            dst_stride: self.dst.stride / 4,
-            sums_stride: self.sums.stride / 4,
+            hidden_stride: self.dst.stride / 4,
+            taps_stride: self.taps.stride / 4,
             first_tile: self.tiles.first(),
             tile_count: self.tiles.count(self.tokens.width, self.tokens.height),
             flags: self.tiles.flags(self.tokens.width),
+            unused: 0,
         })
     }
 
@@ -84,8 +87,76 @@ impl Kernel for PredictKernels {
     fn traffic(&self) -> Traffic {
         let map = |view: &View| (view.buffer, view.bytes());
         let mut reads = [&self.early, &self.tokens, &self.albedo, &self.color, &self.residual].map(map).to_vec();
-        reads.push((self.weights, WEIGHTS as u64 * 4));
-        Traffic { reads, writes: vec![map(&self.dst), map(&self.sums)] }
+        reads.push((self.weights, HIDDEN_WEIGHTS as u64 * 4));
+        Traffic { reads, writes: vec![map(&self.dst), map(&self.taps)] }
+    }
+}
+
+/// The kernels of every pixel, predicted and applied at full size ([`crate::net::OpKind::PredictKernels`]).
+#[derive(Clone, Debug, PartialEq)]
+pub struct PredictKernels {
+    /// What is predicted from, 32 channels.
+    pub hidden: View,
+    /// The reliability times the image, and the reliability; 32-bit floats.
+    pub taps: View,
+    /// Albedo in the first three channels.
+    pub albedo: View,
+    /// Packed weights ([`crate::plan::pack::Pack::Kernels`]).
+    pub weights: BufferId,
+    /// The mean times the first level's share and the share, the mean albedo and the gate, the other levels' shares; 32-bit floats.
+    pub dst: View,
+    /// Tiles of the pixels.
+    pub tiles: Tiles,
+}
+
+impl Kernel for PredictKernels {
+    fn contract(&self, variants: Variants) -> &'static Contract {
+        match (variants.for_texels(&self.texels()).cpu, self.hidden.storage) {
+            (true, _) => &contracts::PREDICT_KERNELS_CPU,
+            (false, Storage::F32) => &contracts::PREDICT_KERNELS,
+            (false, Storage::F16) => &contracts::PREDICT_KERNELS_FROM_F16,
+        }
+    }
+
+    fn groups(&self, variants: Variants) -> [u32; 3] {
+        groups(self.tiles.count(self.dst.width, self.dst.height).div_ceil(self.tiles_a_group(variants)), 1)
+    }
+
+    /// Of 64 invocations, each with so many pixels in a row.
+    fn tiles_a_group(&self, variants: Variants) -> u32 {
+        self.contract(variants).define("TX") as u32
+    }
+
+    fn push(&self, at: &Addresses) -> PushBytes {
+        PushBytes::new(&PredictKernelsPush {
+            hidden: at.view(&self.hidden),
+            taps: at.view(&self.taps),
+            albedo: at.view(&self.albedo),
+            weights: at.of(self.weights),
+            dst: at.view(&self.dst),
+            tiles: at.tiles(&self.tiles),
+            width: self.dst.width,
+            height: self.dst.height,
+            hidden_stride: self.hidden.stride / 4,
+            taps_stride: self.taps.stride / 4,
+            albedo_stride: self.albedo.stride / 4,
+            dst_stride: self.dst.stride / 4,
+            first_tile: self.tiles.first(),
+            tile_count: self.tiles.count(self.dst.width, self.dst.height),
+            flags: self.tiles.flags(self.dst.width),
+            unused: 0,
+        })
+    }
+
+    fn texels(&self) -> Vec<TexelRange> {
+        vec![(&self.hidden).into(), (&self.taps).into(), (&self.albedo).into(), self.weights.into()]
+    }
+
+    fn traffic(&self) -> Traffic {
+        let map = |view: &View| (view.buffer, view.bytes());
+        let mut reads = [&self.hidden, &self.taps, &self.albedo].map(map).to_vec();
+        reads.push((self.weights, (WEIGHTS - HIDDEN_WEIGHTS) as u64 * 4));
+        Traffic { reads, writes: vec![map(&self.dst)] }
     }
 }
 

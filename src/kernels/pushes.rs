@@ -54,12 +54,21 @@ push_constants! {
 }
 
 push_constants! {
+    /// What kernels of pixels are predicted from, and what they read.
+    KernelInputsPush {
+        early: Address, tokens: Address, albedo: Address, color: Address, residual: Address, weights: Address,
+        hidden: Address, taps: Address, tiles: Address,
+        width: U32, early_stride: U32, tokens_stride: U32, albedo_stride: U32, color_stride: U32, residual_stride: U32,
+        hidden_stride: U32, taps_stride: U32, first_tile: U32, tile_count: U32, flags: U32, unused: U32,
+    }
+}
+
+push_constants! {
     /// Kernels of every pixel, predicted and applied.
     PredictKernelsPush {
-        early: Address, tokens: Address, albedo: Address, color: Address, residual: Address, weights: Address,
-        dst: Address, sums: Address, tiles: Address,
-        width: U32, height: U32, early_stride: U32, tokens_stride: U32, albedo_stride: U32, color_stride: U32,
-        residual_stride: U32, dst_stride: U32, sums_stride: U32, first_tile: U32, tile_count: U32, flags: U32,
+        hidden: Address, taps: Address, albedo: Address, weights: Address, dst: Address, tiles: Address,
+        width: U32, height: U32, hidden_stride: U32, taps_stride: U32, albedo_stride: U32, dst_stride: U32,
+        first_tile: U32, tile_count: U32, flags: U32, unused: U32,
     }
 }
 

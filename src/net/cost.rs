@@ -80,12 +80,15 @@ pub fn op_flops(graph: &Graph, op: &Op, width: u32, height: u32) -> Flops {
             let size = u64::from(graph.whole(*input).channels) * u64::from(graph.whole(*output).channels);
             Flops { pointwise: 2 * size, ..none }
         }
-        OpKind::PredictKernels { tokens: coarse, levels, sums, output, .. } => {
-            let of_token = u64::from(coarse.channels * 4 * HIDDEN);
-            let of_pixel = u64::from(6 * HIDDEN + HIDDEN * (FULL_OUTPUTS + levels.saturating_sub(3)));
-            let taps = u64::from(3 * (KERNEL_SIDE * KERNEL_SIDE * (sums.channels / 4) + ALBEDO_SIDE * ALBEDO_SIDE));
-            let pointwise = 2 * (tokens(*coarse) * of_token + tokens(*output) * of_pixel);
-            Flops { pointwise, kernels: 2 * tokens(*output) * taps, ..none }
+        OpKind::KernelInputs { tokens: coarse, output, .. } => {
+            let (of_token, of_pixel) = (u64::from(coarse.channels * 4 * HIDDEN), u64::from(6 * HIDDEN + HIDDEN));
+            Flops { pointwise: 2 * (tokens(*coarse) * of_token + tokens(*output) * of_pixel), ..none }
+        }
+        OpKind::PredictKernels { levels, taps, output, .. } => {
+            // Without the reliability, which was needed before.
+            let outputs = u64::from(HIDDEN * (FULL_OUTPUTS - 1 + levels.saturating_sub(3)));
+            let taps = u64::from(3 * (KERNEL_SIDE * KERNEL_SIDE * (taps.channels / 4) + ALBEDO_SIDE * ALBEDO_SIDE));
+            Flops { pointwise: 2 * tokens(*output) * outputs, kernels: 2 * tokens(*output) * taps, ..none }
         }
         OpKind::ApplyKernels { logits, sums, .. } => {
             let taps = u64::from(3 * logits.channels * (sums.channels / 4));

@@ -223,14 +223,12 @@ pub enum OpKind {
         /// A vector as long as `input` has channels.
         output: ValueId,
     },
-    /// Kernels of every pixel, predicted and applied at full size; and what means over squares of 2x2 pixels are made of.
+    /// What kernels of pixels are predicted from, and what they read.
     ///
-    /// From `h = LeakyRelu(early + tok(tokens) + guess([color | color + residual]))`, where channel `(2 dy + dx) 32 + c` of
-    /// a token goes to its pixel `(dy, dx)`, `out_full` makes 25 logits of a kernel, the reliability's raw `x`
-    /// (`b = exp(max(-softplus(x), -40))`), three levels' logits, a gate's and nine of a kernel over albedo; `out_more` the logits of
-    /// further levels. The image is `expm1(color) / a`, with `a = m max(albedo, 0.05) + 1 - m`, `m = clamp(20 max(albedo), 0, 1)`;
-    /// a pixel's mean is by `exp(logit) b` of the taps inside the frame.
-    PredictKernels {
+    /// `h = LeakyRelu(early + tok(tokens) + guess([color | color + residual]))`, where channel `(2 dy + dx) 32 + c` of a
+    /// token goes to its pixel `(dy, dx)`. Of row 25 of `out_full(h)`, `x`, the reliability `b = exp(max(-softplus(x), -40))`. The
+    /// image is `expm1(color) / a`, with `a = m max(albedo, 0.05) + 1 - m`, `m = clamp(20 max(albedo), 0, 1)`.
+    KernelInputs {
         /// Tensor prefix.
         head: String,
         /// What maps at full size add to `h`.
@@ -245,11 +243,29 @@ pub enum OpKind {
         albedo: Slice,
         /// Sizes of kernels, the full one among them.
         levels: u32,
-        /// Of every image a vector of four, the mean times the first level's share; then the mean albedo and the gate
-        /// (sigmoid); then the shares (softmax) of the second level on, zeros beyond them.
+        /// `h`.
         output: Slice,
-        /// At two pixels a token: of every image the mean of `b` times it, three channels, and that of `b`.
-        sums: Slice,
+        /// Of every image three channels times `b`, and `b`.
+        taps: Slice,
+    },
+    /// Kernels of every pixel, predicted and applied at full size.
+    ///
+    /// `out_full(h)`: 25 logits of a kernel, the reliability, three levels' logits, a gate's and nine of a kernel over
+    /// albedo; `out_more(h)`: the logits of further levels. A pixel's mean is by `exp(logit) b` of the taps inside the frame.
+    PredictKernels {
+        /// Tensor prefix.
+        head: String,
+        /// `h`.
+        hidden: Slice,
+        /// Of every image three channels times `b`, and `b`.
+        taps: Slice,
+        /// Albedo.
+        albedo: Slice,
+        /// Sizes of kernels, the full one among them.
+        levels: u32,
+        /// Of every image a vector of four, the mean times the first level's share and that share; then the mean albedo
+        /// (`a` above) and the gate (sigmoid); then the shares (softmax) of the second level on, zeros beyond them.
+        output: Slice,
     },
     /// The mean of 2x2 tokens.
     Halve {
@@ -397,9 +413,8 @@ impl Graph {
     /// Whether a value is what predicted kernels make of images, or the residual that they read.
     pub(crate) fn is_of_kernels(&self, id: ValueId) -> bool {
         self.ops.iter().any(|op| match &op.kind {
-            OpKind::PredictKernels { residual, output, sums, .. } => {
-                [residual, output, sums].iter().any(|slice| slice.value == id)
-            }
+            OpKind::KernelInputs { residual, taps, .. } => [residual, taps].iter().any(|slice| slice.value == id),
+            OpKind::PredictKernels { output, .. } => output.value == id,
             OpKind::Halve { output, .. } | OpKind::ApplyKernels { output, .. } | OpKind::MixLevels { output, .. } => {
                 *output == id
             }
@@ -422,9 +437,10 @@ impl Graph {
             OpKind::Unembed { input, .. } => vec![*input],
             OpKind::WindowAttention { x, f, .. } => vec![self.whole(*x), self.whole(*f)],
             OpKind::FilmVector { input, .. } => vec![self.whole(*input)],
-            OpKind::PredictKernels { early, tokens, color, residual, albedo, .. } => {
+            OpKind::KernelInputs { early, tokens, color, residual, albedo, .. } => {
                 vec![*early, *tokens, *color, *residual, *albedo]
             }
+            OpKind::PredictKernels { hidden, taps, albedo, .. } => vec![*hidden, *taps, *albedo],
             OpKind::Halve { input, .. } => vec![*input],
             OpKind::ApplyKernels { logits, sums, .. } => vec![*logits, *sums],
             OpKind::MixLevels { pixels, levels, direct, .. } => {
@@ -437,7 +453,7 @@ impl Graph {
     /// All that `op` writes: mostly one slice.
     pub fn writes(&self, op: &Op) -> Vec<Slice> {
         let more = match &op.kind {
-            OpKind::PredictKernels { sums, .. } => Some(*sums),
+            OpKind::KernelInputs { taps, .. } => Some(*taps),
             _ => None,
         };
         std::iter::once(self.result(op)).chain(more).collect()
@@ -449,6 +465,7 @@ impl Graph {
             OpKind::Conv3x3 { output, .. }
             | OpKind::Unembed { output, .. }
             | OpKind::Linear { output, .. }
+            | OpKind::KernelInputs { output, .. }
             | OpKind::PredictKernels { output, .. } => *output,
             OpKind::Depthwise3x3 { output, .. }
             | OpKind::LayerNorm { output, .. }
@@ -496,22 +513,31 @@ impl Graph {
             OpKind::WindowAttention { bias_table, heads, .. } => {
                 vec![TensorSpec { name: bias_table.clone(), shape: vec![225, *heads] }]
             }
-            OpKind::PredictKernels { head, tokens, levels, .. } => {
-                let linear = |name: &str, outputs, inputs| affine(&format!("{head}.{name}"), &[outputs, inputs], true);
-                let mut tensors = linear("tok", 4 * HIDDEN, tokens.channels);
-                tensors.extend(linear("guess", HIDDEN, 6));
-                tensors.extend(linear("out_full", FULL_OUTPUTS, HIDDEN));
-                if *levels > 3 {
-                    tensors.extend(linear("out_more", levels - 3, HIDDEN));
-                }
-                tensors
+            OpKind::KernelInputs { head, tokens, levels, .. } => {
+                let tok = kernel_linear(head, "tok", 4 * HIDDEN, tokens.channels);
+                [tok, kernel_linear(head, "guess", HIDDEN, 6), kernel_outputs(head, *levels)].concat()
             }
+            OpKind::PredictKernels { head, levels, .. } => kernel_outputs(head, *levels),
             OpKind::Halve { .. } | OpKind::ApplyKernels { .. } | OpKind::MixLevels { .. } => Vec::new(),
             OpKind::FilmVector { input, weight, output } => {
                 affine(weight, &[self.whole(*output).channels, self.whole(*input).channels], true)
             }
         }
     }
+}
+
+/// The tensors of a Linear of a head of kernels.
+fn kernel_linear(head: &str, name: &str, outputs: u32, inputs: u32) -> Vec<TensorSpec> {
+    affine(&format!("{head}.{name}"), &[outputs, inputs], true)
+}
+
+/// Those of all that is predicted of a pixel.
+fn kernel_outputs(head: &str, levels: u32) -> Vec<TensorSpec> {
+    let mut tensors = kernel_linear(head, "out_full", FULL_OUTPUTS, HIDDEN);
+    if levels > 3 {
+        tensors.extend(kernel_linear(head, "out_more", levels - 3, HIDDEN));
+    }
+    tensors
 }
 
 /// The outputs of a convolution before its shuffle.

@@ -40,40 +40,44 @@ pub(super) fn kernels(b: &mut Builder, head: &KernelHead, inputs: &Inputs, image
     let &Inputs { early, tokens, color, aux, residual } = inputs;
     let deeper = head.levels.len() - 1;
     let vectors = 4 * images;
-    // Of every image the mean at full size by its share; then the albedo and the gate, and the other levels' shares.
-    let pixels = b.map("head.full", 1, vectors + 8);
-    let mut sums = vec![b.map("head.sums.2", 2, vectors)];
+    let levels = head.levels.len() as u32;
+    let (hidden, taps) = (b.map("head.hidden", 1, HIDDEN), b.map("head.taps", 1, vectors));
+    let (prefix, albedo) = ("head".to_owned(), aux.part(0, 3));
     b.push(
-        "head.full".into(),
-        OpKind::PredictKernels {
-            head: "head".into(),
+        "head.hidden".into(),
+        OpKind::KernelInputs {
+            head: prefix.clone(),
             early,
             tokens: tokens[0],
             color,
             residual,
-            albedo: aux.part(0, 3),
-            levels: head.levels.len() as u32,
-            output: pixels,
-            sums: sums[0],
+            albedo,
+            levels,
+            output: hidden,
+            taps,
         },
     );
-    for side in &head.levels[2..] {
-        let finer = sums[sums.len() - 1];
+    // Of every image the mean at full size by its share; then the albedo and the gate, and the other levels' shares.
+    let pixels = b.map("head.full", 1, vectors + 8);
+    b.push("head.full".into(), OpKind::PredictKernels { head: prefix, hidden, taps, albedo, levels, output: pixels });
+    let mut sums = Vec::new();
+    for side in &head.levels[1..] {
+        let finer = sums.last().copied().unwrap_or(taps);
         let coarser = b.map(&format!("head.sums.{side}"), *side, vectors);
         b.push(format!("head.sums.{side}"), OpKind::Halve { input: finer, output: coarser.value });
         sums.push(coarser);
     }
     // Level beside level: they do not wait for each other.
     let names = &LEVEL_NAMES[..deeper];
-    let hidden: Vec<Slice> = names
+    let inner: Vec<Slice> = names
         .iter()
         .zip(tokens)
-        .map(|((inner, _), map)| {
-            let linear = Linear::new(&format!("head.{inner}"), vec![*map], HIDDEN);
+        .map(|((name, _), map)| {
+            let linear = Linear::new(&format!("head.{name}"), vec![*map], HIDDEN);
             b.linear(Linear { activation: Activation::LeakyRelu, ..linear })
         })
         .collect();
-    let outs = names.iter().zip(&hidden);
+    let outs = names.iter().zip(&inner);
     let logits: Vec<Slice> = outs
         .map(|((_, out), map)| b.linear(Linear::new(&format!("head.{out}"), vec![*map], KERNEL_SIDE * KERNEL_SIDE)))
         .collect();

@@ -263,11 +263,14 @@ mod tests {
                     OpKind::Depthwise3x3 { input, .. } | OpKind::LayerNorm { input, .. } => {
                         assert_eq!((stride(*input), input.channels), (stride(output), output.channels), "{name}");
                     }
-                    OpKind::PredictKernels { early, tokens, color, residual, albedo, levels, output, sums, .. } => {
-                        let full = [early, color, residual, albedo, output];
-                        assert!(full.iter().all(|map| stride(**map) == 1), "{name}");
-                        assert_eq!([stride(*tokens), stride(*sums)], [2, 2], "{name}");
-                        assert_eq!(output.channels, sums.channels + 8, "{name}");
+                    OpKind::KernelInputs { early, tokens, color, residual, albedo, output, taps, .. } => {
+                        let full = [early, color, residual, albedo, output, taps];
+                        assert!(full.iter().all(|map| stride(**map) == 1) && stride(*tokens) == 2, "{name}");
+                        assert_eq!(early.channels, output.channels, "{name}");
+                    }
+                    OpKind::PredictKernels { hidden, taps, albedo, levels, output, .. } => {
+                        assert!([hidden, taps, albedo, output].iter().all(|map| stride(**map) == 1), "{name}");
+                        assert_eq!(output.channels, taps.channels + 8, "{name}");
                         assert!(*levels <= 5, "{name}: a vector holds the shares of the levels after the first");
                     }
                     OpKind::Halve { input, .. } => {

@@ -141,6 +141,7 @@ fn reach_of(graph: &Graph, op: &Op) -> Option<u32> {
         OpKind::WindowAttention { .. }
         | OpKind::FilmMean { .. }
         | OpKind::FilmVector { .. }
+        | OpKind::KernelInputs { .. }
         | OpKind::PredictKernels { .. }
         | OpKind::Halve { .. }
         | OpKind::ApplyKernels { .. }
@@ -151,7 +152,7 @@ fn reach_of(graph: &Graph, op: &Op) -> Option<u32> {
 /// What is made of maps at full size for predicted kernels, long before these.
 fn kept_for_kernels(graph: &Graph) -> Vec<ValueId> {
     let early = graph.ops.iter().find_map(|op| match &op.kind {
-        OpKind::PredictKernels { early, .. } => Some(early.value),
+        OpKind::KernelInputs { early, .. } => Some(early.value),
         _ => None,
     });
     let before = early.and_then(|early| {

@@ -126,17 +126,28 @@ impl Lowering<'_> {
                 self.partials.insert(*output, partials);
                 Call::TokenSum(sum)
             }
-            OpKind::PredictKernels { head, early, tokens, color, residual, albedo, levels, output, sums } => {
+            OpKind::KernelInputs { head, early, tokens, color, residual, albedo, levels, output, taps } => {
                 let pack = Pack::Kernels { head: head.clone(), levels: *levels };
-                Call::PredictKernels(predicted::PredictKernels {
+                Call::KernelInputs(predicted::KernelInputs {
                     early: self.view(*early),
                     tokens: self.view(*tokens),
                     albedo: self.view(*albedo),
                     color: self.view(*color),
                     residual: self.view(*residual),
-                    weights: self.pack(&op.name, pack),
+                    weights: self.pack(head, pack),
                     dst: self.view(*output),
-                    sums: self.view(*sums),
+                    taps: self.view(*taps),
+                    tiles: Tiles::All,
+                })
+            }
+            OpKind::PredictKernels { head, hidden, taps, albedo, levels, output } => {
+                let pack = Pack::Kernels { head: head.clone(), levels: *levels };
+                Call::PredictKernels(predicted::PredictKernels {
+                    hidden: self.view(*hidden),
+                    taps: self.view(*taps),
+                    albedo: self.view(*albedo),
+                    weights: self.pack(head, pack),
+                    dst: self.view(*output),
                     tiles: Tiles::All,
                 })
             }

@@ -12,7 +12,7 @@ use super::{Dispatch, Plan};
 use crate::frame::Region;
 use crate::kernels::dense::Conv3x3;
 use crate::kernels::frame_io::Output;
-use crate::kernels::predicted::REACH;
+use crate::kernels::predicted::{ALBEDO_REACH, REACH};
 use crate::kernels::winograd::Winograd3x3;
 use crate::kernels::{BufferId, Call, Shuffle, TILE, TileRect, Tiles, TokenRect, View};
 use std::collections::HashMap;
@@ -203,14 +203,20 @@ impl Needed {
                 self.add_within(&unembed.src, rect, 2);
                 rect
             }
-            Call::PredictKernels(kernels) => {
-                let wanted = self.of(&kernels.dst).halved().and(&self.of(&kernels.sums));
-                let rect = within(wanted, &kernels.tiles);
-                let pixels = rect.doubled();
-                self.add_within(&kernels.tokens, rect, REACH.div_ceil(2));
-                for map in [&kernels.early, &kernels.albedo, &kernels.color, &kernels.residual] {
-                    self.add_within(map, pixels, REACH);
+            Call::KernelInputs(inputs) => {
+                let wanted = self.of(&inputs.dst).and(&self.of(&inputs.taps));
+                let rect = within(wanted.halved(), &inputs.tiles);
+                self.add(&inputs.tokens, rect);
+                for map in [&inputs.early, &inputs.albedo, &inputs.color, &inputs.residual] {
+                    self.add(map, rect.doubled());
                 }
+                rect
+            }
+            Call::PredictKernels(kernels) => {
+                let rect = self.within(&kernels.dst, &kernels.tiles);
+                self.add(&kernels.hidden, rect);
+                self.add_within(&kernels.taps, rect, REACH);
+                self.add_within(&kernels.albedo, rect, ALBEDO_REACH);
                 rect
             }
             Call::Halve(halve) => {

@@ -138,6 +138,7 @@ impl<'a> Reference<'a> {
             Call::Depthwise3x3(k) => maps::depthwise3x3(self, k),
             Call::Separable3x3(k) => separable::separable3x3(self, k),
             Call::Unembed(k) => unembed::unembed(self, k),
+            Call::KernelInputs(k) => predicted::kernel_inputs(self, k),
             Call::PredictKernels(k) => predicted::predict_kernels(self, k),
             Call::Halve(k) => predicted::halve(self, k),
             Call::ApplyKernels(k) => predicted::apply_kernels(self, k),

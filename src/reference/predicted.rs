@@ -3,7 +3,8 @@
 use super::Reference;
 use super::map::Map;
 use super::parameters::Parameters;
-use crate::kernels::predicted::{ApplyKernels, Halve, MixLevels, PredictKernels};
+use crate::kernels::BufferId;
+use crate::kernels::predicted::{ApplyKernels, Halve, KernelInputs, MixLevels, PredictKernels};
 use crate::net::head::{ALBEDO_SIDE, HIDDEN, KERNEL_SIDE, LEAST_ALBEDO, LOWEST_RELIABILITY};
 
 /// The slope of the leaky rectifier.
@@ -36,15 +37,6 @@ impl Linear {
         let rows = self.rows.iter().zip(&self.biases);
         rows.map(|(row, bias)| bias + row.iter().zip(input).map(|(a, b)| a * b).sum::<f64>()).collect()
     }
-}
-
-/// What is predicted of a pixel, and what others read of it.
-struct Pixel {
-    outputs: Vec<f64>,
-    more: Vec<f64>,
-    reliability: f64,
-    demodulator: [f64; 3],
-    image: [f64; 3],
 }
 
 /// The mean around `(x, y)` of `side` x `side` taps by `exp(logit)` times the weight that `read` gives with a value; taps outside
@@ -88,65 +80,81 @@ fn softmax(logits: &[f64]) -> Vec<f64> {
     shares.into_iter().map(|share| share / sum).collect()
 }
 
-/// Kernels of every pixel, predicted and applied.
-pub fn predict_kernels(reference: &mut Reference, call: &PredictKernels) {
+/// What kernels are predicted from, and what they read.
+pub fn kernel_inputs(reference: &mut Reference, call: &KernelInputs) {
     let [early, tokens, albedo, color, residual] =
         [&call.early, &call.tokens, &call.albedo, &call.color, &call.residual].map(|view| reference.map(view));
-    let weights = match reference.parameters(call.weights) {
-        Parameters::Kernels(weights) => &**weights,
-        other => unreachable!("predict_kernels is given {other:?}"),
-    };
-    let (width, height, hidden) = (early.width, early.height, HIDDEN as usize);
+    let weights = kernel_weights(reference, call.weights);
     let of_tokens: Vec<Vec<f64>> = tokens.values.chunks_exact(tokens.channels).map(|t| weights.tok.apply(t)).collect();
-    let predict = |i: usize| {
+    let (width, channels) = (early.width, HIDDEN as usize);
+    let mut hidden = Map::zeros(width, early.height, channels);
+    let mut taps = Map::zeros(width, early.height, call.taps.channels as usize);
+    let each = hidden.values.chunks_exact_mut(channels).zip(taps.values.chunks_exact_mut(taps.channels));
+    for (i, (h, tap)) in each.enumerate() {
         let (x, y) = (i % width, i / width);
         let (c, r) = (&color.token(x, y)[..3], &residual.token(x, y)[..3]);
         let guess: Vec<f64> = c.iter().copied().chain(c.iter().zip(r).map(|(c, r)| c + r)).collect();
-        let token = &of_tokens[y / 2 * tokens.width + x / 2][(y % 2 * 2 + x % 2) * hidden..][..hidden];
-        let sums = early.token(x, y).iter().zip(token).zip(weights.guess.apply(&guess));
-        let h: Vec<f64> = sums.map(|((a, b), c)| a + b + c).map(|sum| sum.max(SLOPE * sum)).collect();
-        let outputs = weights.full.apply(&h);
-        let softplus = outputs[25].max(0.0) + (-outputs[25].abs()).exp().ln_1p();
+        let token = &of_tokens[y / 2 * tokens.width + x / 2][(y % 2 * 2 + x % 2) * channels..][..channels];
+        for ((h, early), (token, guess)) in
+            h.iter_mut().zip(early.token(x, y)).zip(token.iter().zip(weights.guess.apply(&guess)))
+        {
+            let sum = early + token + guess;
+            *h = sum.max(SLOPE * sum);
+        }
+        let raw = weights.full.apply(h)[25];
+        let softplus = raw.max(0.0) + (-raw.abs()).exp().ln_1p();
+        let reliability = (-softplus).max(LOWEST_RELIABILITY).exp();
         let demodulator = demodulator(albedo.token(x, y));
-        Pixel {
-            more: weights.more.apply(&h),
-            reliability: (-softplus).max(LOWEST_RELIABILITY).exp(),
-            image: [0, 1, 2].map(|channel| c[channel].exp_m1() / demodulator[channel]),
-            outputs,
-            demodulator,
+        for channel in 0..3 {
+            tap[channel] = reliability * c[channel].exp_m1() / demodulator[channel];
         }
-    };
-    let pixels: Vec<Pixel> = (0..width * height).map(predict).collect();
-    let extra = call.dst.channels as usize - call.sums.channels as usize;
-    let mut result = Map::zeros(width, height, call.dst.channels as usize);
-    for (i, out) in result.values.chunks_exact_mut(call.dst.channels as usize).enumerate() {
-        let (own, at) = (&pixels[i], (i % width, i / width));
-        let read = |x: usize, y: usize| (pixels[y * width + x].image, pixels[y * width + x].reliability);
-        let image = mean(&own.outputs[..25], KERNEL_SIDE, at, (width, height), read).unwrap_or_default();
-        let read = |x: usize, y: usize| (pixels[y * width + x].demodulator, 1.0);
-        let albedo = mean(&own.outputs[30..], ALBEDO_SIDE, at, (width, height), read).unwrap_or_default();
-        let shares = softmax(&[&own.outputs[26..29], &own.more[..]].concat());
-        out[..3].copy_from_slice(&image.map(|value| value * shares[0]));
-        out[3] = shares[0];
-        let after = out.len() - extra;
-        out[after..after + 3].copy_from_slice(&albedo);
-        out[after + 3] = 1.0 / (1.0 + (-own.outputs[29]).exp());
-        out[after + 4..after + 3 + shares.len()].copy_from_slice(&shares[1..]);
-    }
-    let mut sums = Map::zeros(tokens.width, tokens.height, call.sums.channels as usize);
-    for (i, pixel) in pixels.iter().enumerate() {
-        let at = (i / width / 2 * tokens.width + i % width / 2) * sums.channels;
-        for (channel, value) in pixel.image.iter().chain([&1.0]).enumerate() {
-            sums.values[at + channel] += 0.25 * pixel.reliability * value;
-        }
+        tap[3] = reliability;
     }
     let tiles = reference.tiles(&call.tiles, call.tokens.width, call.tokens.height);
-    let of_tokens = by_tokens(&result);
-    let channels = result.channels;
-    reference.store(&of_tokens, &call.dst, &tiles, |x, y, c| {
-        (2 * x + c / channels % 2, 2 * y + c / channels / 2, c % channels)
-    });
-    reference.store(&sums, &call.sums, &tiles, |x, y, c| (x, y, c));
+    for (map, view) in [(hidden, &call.dst), (taps, &call.taps)] {
+        let channels = map.channels;
+        reference.store(&by_tokens(&map), view, &tiles, |x, y, c| {
+            (2 * x + c / channels % 2, 2 * y + c / channels / 2, c % channels)
+        });
+    }
+}
+
+fn kernel_weights<'a>(reference: &'a Reference, id: BufferId) -> &'a KernelWeights {
+    match reference.parameters(id) {
+        Parameters::Kernels(weights) => weights,
+        other => unreachable!("predicted kernels are given {other:?}"),
+    }
+}
+
+/// Kernels of every pixel, predicted and applied.
+pub fn predict_kernels(reference: &mut Reference, call: &PredictKernels) {
+    let [hidden, taps, albedo] = [&call.hidden, &call.taps, &call.albedo].map(|view| reference.map(view));
+    let weights = kernel_weights(reference, call.weights);
+    let (width, height, channels) = (hidden.width, hidden.height, call.dst.channels as usize);
+    let mut result = Map::zeros(width, height, channels);
+    let after = channels - 8;
+    for (i, out) in result.values.chunks_exact_mut(channels).enumerate() {
+        let at = (i % width, i / width);
+        let h = hidden.token(at.0, at.1);
+        let (outputs, more) = (weights.full.apply(h), weights.more.apply(h));
+        let read = |x: usize, y: usize| tap(taps.token(x, y));
+        let image = mean(&outputs[..25], KERNEL_SIDE, at, (width, height), read).unwrap_or_default();
+        let read = |x: usize, y: usize| (demodulator(albedo.token(x, y)), 1.0);
+        let albedo = mean(&outputs[30..], ALBEDO_SIDE, at, (width, height), read).unwrap_or_default();
+        let shares = softmax(&[&outputs[26..29], &more[..]].concat());
+        out[..3].copy_from_slice(&image.map(|value| value * shares[0]));
+        out[3] = shares[0];
+        out[after..after + 3].copy_from_slice(&albedo);
+        out[after + 3] = 1.0 / (1.0 + (-outputs[29]).exp());
+        out[after + 4..after + 3 + shares.len()].copy_from_slice(&shares[1..]);
+    }
+    let tiles = reference.tiles(&call.tiles, call.dst.width, call.dst.height);
+    reference.store(&result, &call.dst, &tiles, |x, y, channel| (x, y, channel));
+}
+
+/// A value and its weight, of their product and the weight.
+fn tap(sums: &[f64]) -> ([f64; 3], f64) {
+    ([0, 1, 2].map(|channel| sums[channel] / sums[3]), sums[3])
 }
 
 /// The pixels of 2x2 side by side, as the tiles are of tokens.
@@ -181,10 +189,7 @@ pub fn apply_kernels(reference: &mut Reference, call: &ApplyKernels) {
     for (i, out) in result.values.chunks_exact_mut(sums.channels).enumerate() {
         let at = (i % size.0, i / size.0);
         for (image, out) in out.chunks_exact_mut(4).enumerate() {
-            let read = |x: usize, y: usize| {
-                let sums = &sums.token(x, y)[4 * image..][..4];
-                ([0, 1, 2].map(|channel| sums[channel] / sums[3]), sums[3])
-            };
+            let read = |x: usize, y: usize| tap(&sums.token(x, y)[4 * image..][..4]);
             if let Some(mean) = mean(&logits.token(at.0, at.1)[..25], KERNEL_SIDE, at, size, read) {
                 out[..3].copy_from_slice(&mean);
                 out[3] = 1.0;
