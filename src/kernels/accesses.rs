@@ -8,6 +8,7 @@ use super::dense::{Conv3x3, Linear};
 use super::expand::Expand;
 use super::film::{FilmVector, SUM_INVOCATIONS, TokenSum};
 use super::maps::{Depthwise3x3, LayerNorm};
+use super::predicted::{ApplyKernels, Halve, KernelInputs, MixLevels, PredictKernels};
 use super::separable::Separable3x3;
 use super::unembed::Unembed;
 use super::window_attention::WindowAttention;
@@ -71,6 +72,11 @@ impl Call {
             Self::Depthwise3x3(k) => depthwise3x3(k, contract),
             Self::Separable3x3(k) => separable3x3(k, contract),
             Self::Unembed(k) => unembed(k, contract),
+            Self::KernelInputs(k) => kernel_inputs(k, contract),
+            Self::PredictKernels(k) => predict_kernels(k, contract),
+            Self::Halve(k) => halve(k),
+            Self::ApplyKernels(k) => apply_kernels(k, contract),
+            Self::MixLevels(k) => mix_levels(k),
             Self::LayerNorm(k) => layer_norm(k, contract),
             Self::WindowAttention(k) => window_attention(k, contract),
             Self::Expand(k) => expand(k),
@@ -205,6 +211,62 @@ fn unembed(call: &Unembed, contract: &Contract) -> Accesses {
     let weights = if contract.has("LANES_SHARE") { 4 } else { 32 };
     let loads = 1 + 4 * u64::from(call.src.channels / 4) * (tokens + 4 + weights);
     Accesses::each(2 * u64::from(tiles) * u64::from(TILE * TILE) / tokens, loads, 2 * tokens)
+}
+
+/// Loads of so many vectors of weights that all invocations need: an eighth each where the lanes hand them round.
+fn row_loads(contract: &Contract, vectors: u64) -> u64 {
+    if contract.has("LANES_SHARE") { vectors.div_ceil(8) } else { vectors }
+}
+
+fn kernel_inputs(call: &KernelInputs, contract: &Contract) -> Accesses {
+    let tokens = contract.define("TX");
+    let invocations = u64::from(call.tiles.count(call.tokens.width, call.tokens.height)) * 256 / tokens;
+    let loads = 1 + tokens * (8 + 8 + 3) + 8 * (2 + row_loads(contract, 40));
+    Accesses::each(invocations, loads, tokens * (8 + 1))
+}
+
+fn predict_kernels(call: &PredictKernels, contract: &Contract) -> Accesses {
+    let pixels = contract.define("TX");
+    let tiles = u64::from(call.tiles.count(call.dst.width, call.dst.height));
+    let invocations = tiles * u64::from(TILE * TILE) / pixels;
+    let loads = pixels * 8 + 12 * (1 + row_loads(contract, 32));
+    let mut accesses = Accesses::each(invocations, loads, 3 * pixels);
+    // Taps beyond the last one are read too.
+    let taps = invocations * pixels * (28 + 12);
+    match contract.has("TEXELS") {
+        true => accesses.global_loads += taps,
+        false => {
+            accesses.global_loads += tiles * 2 * 144;
+            (accesses.shared_loads, accesses.shared_stores) = (taps, tiles * 2 * 144);
+        }
+    }
+    accesses
+}
+
+fn halve(call: &Halve) -> Accesses {
+    let tokens = u64::from(call.tiles.count(call.dst.width, call.dst.height)) * u64::from(TILE * TILE);
+    let vectors = u64::from(call.dst.channels / 4);
+    Accesses::each(tokens, 4 * vectors, vectors)
+}
+
+fn apply_kernels(call: &ApplyKernels, contract: &Contract) -> Accesses {
+    let tiles = u64::from(call.tiles.count(call.dst.width, call.dst.height)) * u64::from(call.dst.channels / 4);
+    let mut accesses = Accesses::each(tiles * 64, 7, 1);
+    match contract.has("TEXELS") {
+        true => accesses.global_loads += tiles * 64 * 28,
+        false => {
+            accesses.global_loads += tiles * 144;
+            (accesses.shared_loads, accesses.shared_stores) = (tiles * 64 * 28, tiles * 144);
+        }
+    }
+    accesses
+}
+
+fn mix_levels(call: &MixLevels) -> Accesses {
+    let pixels = u64::from(call.tiles.count(call.dst.width, call.dst.height)) * u64::from(TILE * TILE);
+    let (images, levels) = (u64::from(call.dst.channels / 4), call.levels.len() as u64);
+    let direct = 2 * u64::from(call.direct.is_some());
+    Accesses::each(pixels, 2 + images * (1 + 4 * levels) + direct, images)
 }
 
 fn layer_norm(call: &LayerNorm, contract: &Contract) -> Accesses {

@@ -15,6 +15,7 @@ pub mod film;
 pub mod frame_io;
 pub mod maps;
 pub mod on_matrices;
+pub mod predicted;
 pub mod pushes;
 pub mod quiet;
 pub mod separable;
@@ -325,6 +326,7 @@ pub trait Kernel {
 mod flags {
     pub const TILE_LIST: u32 = 1;
     pub const RELU: u32 = 2;
+    pub const GATED: u32 = 2;
     pub const LEAKY_RELU: u32 = 4;
     pub const RESIDUAL: u32 = 8;
     pub const FILM: u32 = 16;
@@ -335,6 +337,7 @@ mod flags {
     pub const KEEP_FIREFLIES: u32 = 4;
     pub const GIVEN: u32 = 1;
     pub const TOLD: u32 = 2;
+    pub const RADIANCE: u32 = 32;
     pub const COLOR_HALF: u32 = 1 << 8;
     pub const COLOR: u32 = 1 << 9;
     pub const ALBEDO_HALF: u32 = 1 << 10;

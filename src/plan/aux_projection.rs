@@ -26,9 +26,9 @@ impl Lowering<'_> {
             return None;
         }
         // What lies between is read by these alone.
-        let between = |op: &crate::net::graph::Op| graph.writes(op).value;
         let others = || graph.ops.iter().enumerate().filter(|(i, _)| !(at..at + OPS).contains(i)).map(|(_, op)| op);
-        let read = others().flat_map(|op| graph.reads(op)).any(|slice| ops[..OPS - 1].iter().any(|op| between(op) == slice.value));
+        let between: Vec<_> = ops[..OPS - 1].iter().flat_map(|op| graph.writes(op)).map(|slice| slice.value).collect();
+        let read = others().flat_map(|op| graph.reads(op)).any(|slice| between.contains(&slice.value));
         if read {
             return None;
         }

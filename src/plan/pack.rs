@@ -1,9 +1,10 @@
 //! How weights lie in device memory: in the order in which a kernel reads them, padded with zeros to what it computes at
 //! once, as 32-bit floats or, for matrices, halves.
 
-use super::{unembed, winograd};
+use super::{predicted, unembed, winograd};
 use crate::kernels::dense::{TILE_CHANNELS, conv_tile_channels};
 use crate::kernels::on_matrices::DEPTH;
+use crate::kernels::predicted::WEIGHTS;
 use crate::kernels::winograd::{WINOGRAD_CHANNELS, WinogradTile};
 use crate::net::graph::{ConvWeight, LinearWeight};
 use crate::net::weights::{Weights, WeightsError};
@@ -103,6 +104,15 @@ pub enum Pack {
     /// rows (taps and inputs, filled up with zeros to a multiple of [`DEPTH`]) `[DEPTH rows][output][row]`, so that those of an output
     /// lie side by side.
     Halves(Box<Pack>),
+    /// `[biases of what is predicted from, by pixel of a token | the reliability's row | biases of the outputs | matrix by pixel
+    /// of a token | matrix of the outputs]` of an [`crate::net::OpKind::PredictKernels`], matrices as
+    /// `[output / 4][input][4 outputs]`.
+    Kernels {
+        /// Tensor prefix.
+        head: String,
+        /// Sizes of kernels.
+        levels: u32,
+    },
     /// `[bias | matrix row by row]`.
     FilmVector {
         /// Tensor prefix.
@@ -137,6 +147,7 @@ impl Pack {
                 let rows = pack.rows();
                 rows.biases + rows.biases * rows.count.next_multiple_of(DEPTH as usize) / 2
             }
+            Self::Kernels { .. } => WEIGHTS,
             Self::FilmVector { inputs, outputs, .. } => (*outputs * (*inputs + 1)) as usize,
         }
     }
@@ -280,6 +291,7 @@ impl Pack {
                     }
                 }
             }
+            Self::Kernels { head, levels } => predicted::write(head, *levels, weights, out)?,
             Self::BiasMatrix { table, heads } => {
                 let source = &weights.tensor(table)?.data;
                 for (at, value) in out.iter_mut().enumerate() {

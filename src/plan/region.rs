@@ -10,9 +10,10 @@
 
 use super::{Dispatch, Plan};
 use crate::frame::Region;
-use crate::kernels::aux_projection::REACH;
+use crate::kernels::aux_projection;
 use crate::kernels::dense::Conv3x3;
 use crate::kernels::frame_io::Output;
+use crate::kernels::predicted::{ALBEDO_REACH, REACH};
 use crate::kernels::winograd::Winograd3x3;
 use crate::kernels::{BufferId, Call, Shuffle, TILE, TileRect, Tiles, TokenRect, View};
 use std::collections::HashMap;
@@ -140,11 +141,17 @@ fn restrict(call: &mut Call, rect: TokenRect) -> Tiles {
     tiles
 }
 
-/// Restricts calls that run one after the other to what the last one needs for the pixel rows `first..end` of the frame.
+/// Restricts calls that run one after the other to what those whose result stays need for the pixel rows `first..end` of the frame.
 /// The views are of the frame's rows from `top` to `bottom`.
-pub(super) fn restrict_chain(calls: &mut [&mut Call], (top, bottom): (u32, u32), (first, end): (u32, u32)) {
+pub(super) fn restrict_chain(
+    calls: &mut [&mut Call],
+    stays: &[bool],
+    (top, bottom): (u32, u32),
+    (first, end): (u32, u32),
+) {
     let mut needed = Needed::default();
-    if let Some(view) = calls.last().and_then(|call| call.result()) {
+    let staying = calls.iter().zip(stays).filter(|(_, stays)| **stays);
+    for view in staying.filter_map(|(call, _)| call.result()) {
         let row = |row: u32| (row - top) * view.height / (bottom - top);
         needed.add(view, TokenRect { left: 0, top: row(first), right: view.width, bottom: row(end) });
     }
@@ -189,7 +196,7 @@ impl Needed {
             }
             Call::AuxProjection(projection) => {
                 let rect = self.within(&projection.dst, &projection.tiles);
-                self.add_within(&projection.src, rect, REACH);
+                self.add_within(&projection.src, rect, aux_projection::REACH);
                 rect
             }
             Call::LayerNorm(norm) => {
@@ -200,6 +207,43 @@ impl Needed {
             Call::Unembed(unembed) => {
                 let rect = within(self.of(&unembed.dst).halved(), &unembed.tiles);
                 self.add_within(&unembed.src, rect, 2);
+                rect
+            }
+            Call::KernelInputs(inputs) => {
+                let wanted = self.of(&inputs.dst).and(&self.of(&inputs.taps));
+                let rect = within(wanted.halved(), &inputs.tiles);
+                self.add(&inputs.tokens, rect);
+                for map in [&inputs.early, &inputs.albedo, &inputs.color, &inputs.residual] {
+                    self.add(map, rect.doubled());
+                }
+                rect
+            }
+            Call::PredictKernels(kernels) => {
+                let rect = self.within(&kernels.dst, &kernels.tiles);
+                self.add(&kernels.hidden, rect);
+                self.add_within(&kernels.taps, rect, REACH);
+                self.add_within(&kernels.albedo, rect, ALBEDO_REACH);
+                rect
+            }
+            Call::Halve(halve) => {
+                let rect = self.within(&halve.dst, &halve.tiles);
+                self.add(&halve.src, rect.doubled());
+                rect
+            }
+            Call::ApplyKernels(kernels) => {
+                let rect = self.within(&kernels.dst, &kernels.tiles);
+                self.add(&kernels.logits, rect);
+                self.add_within(&kernels.sums, rect, REACH);
+                rect
+            }
+            Call::MixLevels(mix) => {
+                let rect = self.within(&mix.dst, &mix.tiles);
+                let direct = mix.direct.iter().flat_map(|(color, residual)| [color, residual]);
+                [&mix.pixels].into_iter().chain(direct).for_each(|map| self.add(map, rect));
+                for level in &mix.levels {
+                    // The tokens that hold the pixels, and their neighbours.
+                    self.add_within(level, rect.divided(mix.dst.width / level.width), 1);
+                }
                 rect
             }
             Call::WindowAttention(attention) => {

@@ -194,7 +194,8 @@ pub fn output(reference: &mut Reference, call: &Output) {
         for channel in 0..3 {
             let (c, r) = (log_color.token(x, y)[channel], residual.token(x, y)[channel]);
             let linear = |log: f64| clamp(log.exp_m1() / exposure, most);
-            let denoised = clamp(linear(c + r), stats[LARGEST + channel]);
+            let clean = if call.radiance { clamp(r / exposure, most) } else { linear(c + r) };
+            let denoised = clamp(clean, stats[LARGEST + channel]);
             let mut mixed = (1.0 - blend) * denoised + blend * linear(c);
             let sample = frame.samples(x, y)[channel];
             if mark != 0.0 {

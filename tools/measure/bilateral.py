@@ -88,7 +88,7 @@ def filter_frame(planes, parameters):
     stats = preprocess.statistics(planes["color"], planes.get("depth"))
     c, aux = data.prepare(planes, stats)
     to_image = lambda t: t.permute(1, 2, 0).numpy()
-    return preprocess.finish(to_image(c), to_image(smooth(c, aux, parameters) - c), stats.exposure)
+    return preprocess.finish(to_image(smooth(c, aux, parameters)), stats.exposure)
 
 
 def denoise(planes, spp):

@@ -3,7 +3,7 @@
 `to_dict`/`from_dict` give the JSON form that stands in the metadata of a weights file (key "architecture"); the engine
 parses the same JSON, so field names and order are a contract.
 """
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 
 @dataclass(frozen=True)
@@ -52,6 +52,19 @@ class Bottleneck:
 
 
 @dataclass(frozen=True)
+class Head:
+    """How the output is made of what the U-Net found: by predicted kernels (head.py) over means of `levels` pixels a side,
+    `gated` with the residual or alone. Networks without one add a residual."""
+
+    levels: tuple[int, ...]
+    gated: bool
+    kind: str = "kernels"
+
+    def to_dict(self):
+        return {"kind": self.kind, "levels": list(self.levels), "gated": self.gated}
+
+
+@dataclass(frozen=True)
 class Architecture:
     """`channels` is the width at stage 0 (stage i has channels * 2^i), `window` the side of an attention window in
     tokens, `patch` the side of a token in pixels (1 or 2), `decoder` "baseline" or "symmetric"."""
@@ -63,6 +76,7 @@ class Architecture:
     decoder: str
     stages: tuple[Stage, ...]
     bottleneck: Bottleneck
+    head: Head | None = None
 
     @property
     def multiple(self):
@@ -70,7 +84,7 @@ class Architecture:
         return self.patch * self.window * 2 ** len(self.stages)
 
     def to_dict(self):
-        return {
+        fields = {
             "name": self.name,
             "channels": self.channels,
             "window": self.window,
@@ -79,13 +93,15 @@ class Architecture:
             "stages": [s.to_dict() for s in self.stages],
             "bottleneck": self.bottleneck.to_dict(),
         }
+        return fields | ({"head": self.head.to_dict()} if self.head else {})
 
 
 def from_dict(d):
     """The inverse of `Architecture.to_dict`."""
     stages = tuple(Stage(**{**s, "block": Block(**s["block"])}) for s in d["stages"])
     neck = Bottleneck(**{**d["bottleneck"], "block": Block(**d["bottleneck"]["block"])})
-    return Architecture(**{**d, "stages": stages, "bottleneck": neck})
+    head = d.get("head") and Head(**{**d["head"], "levels": tuple(d["head"]["levels"])})
+    return Architecture(**{**d, "stages": stages, "bottleneck": neck, "head": head})
 
 
 JSA = Block("jsa")
@@ -118,3 +134,12 @@ ARCHITECTURES = {
         _build("hybrid", [FILM, sh_jsa(0.25), sh_jsa(0.25)], sh_jsa(0.25), "symmetric", patch=2),
     ]
 }
+
+PURE = Head((1, 2, 4, 8, 16), gated=False)
+GATED = Head((1, 2, 4), gated=True)
+HEADS = {"residual": None, "pure": PURE, "gated": GATED}
+
+
+def with_head(arch, name):
+    """The same U-Net with the head of that name in HEADS."""
+    return replace(arch, head=HEADS[name])

@@ -9,10 +9,26 @@ import torch
 import torch.nn.functional as F
 from torch import nn
 
+from . import depthwise
+
 
 def conv_nhwc(conv, x):
     """A Conv2d on a channels-last map; the permuted view has PyTorch's channels_last strides, so nothing is copied."""
     return conv(x.permute(0, 3, 1, 2)).permute(0, 2, 3, 1)
+
+
+def pointwise_nhwc(conv, x):
+    """A 1x1 Conv2d on a channels-last map; input channels are filled up to whole octets, which matrix units want."""
+    weight = conv.weight.flatten(1)
+    more = -weight.shape[1] % 8
+    if more:
+        weight, x = F.pad(weight, (0, more)), F.pad(x, (0, more))
+    return F.linear(x, weight, conv.bias)
+
+
+def depthwise_nhwc(conv, x):
+    """A depthwise 3x3 Conv2d on a channels-last map. `depthwise.use` puts a GPU's own kernel in its place."""
+    return depthwise.run(conv, x) if depthwise.in_use() and x.is_cuda else conv_nhwc(conv, x)
 
 
 class Ffn(nn.Module):
@@ -26,21 +42,21 @@ class Ffn(nn.Module):
         self.contract = nn.Linear(wide, channels)
 
     def forward(self, x):
-        return self.contract(F.relu(conv_nhwc(self.depthwise, self.expand(x))))
+        return self.contract(F.relu(depthwise_nhwc(self.depthwise, self.expand(x))))
 
 
-def to_windows(x, window, heads):
-    """[N, H, W, heads*d] -> [N * windows, heads, window*window, d]; windows and tokens row-major, head-major channels."""
+def to_windows(x, window):
+    """[N, H, W, C] -> [N * windows, window*window, C]; windows and tokens row-major."""
     n, h, w, c = x.shape
-    x = x.reshape(n, h // window, window, w // window, window, heads, c // heads)
-    return x.permute(0, 1, 3, 5, 2, 4, 6).reshape(-1, heads, window * window, c // heads)
+    x = x.view(n, h // window, window, w // window, window, c)
+    return x.transpose(2, 3).reshape(-1, window * window, c)
 
 
 def from_windows(x, window, n, h, w):
-    """The inverse of `to_windows`."""
+    """[N * windows, heads, window*window, d] -> [N, H, W, heads*d]; head-major channels."""
     heads, d = x.shape[1], x.shape[3]
-    x = x.reshape(n, h // window, w // window, heads, window, window, d)
-    return x.permute(0, 1, 4, 2, 5, 3, 6).reshape(n, h, w, heads * d)
+    x = x.transpose(1, 2).reshape(n, h // window, w // window, window, window, heads * d)
+    return x.transpose(2, 3).reshape(n, h, w, heads * d)
 
 
 def relative_index(window):
@@ -79,14 +95,21 @@ class JointAttention(nn.Module):
         """Scaled scores plus bias, in at least 32 bits whatever the training precision: their product cancels badly."""
         wide = torch.promote_types(q.dtype, torch.float32)
         with torch.autocast(q.device.type, enabled=False):
-            return q.to(wide) @ k.to(wide).transpose(-2, -1) * self.scale + bias
+            return (q.to(wide) * self.scale) @ k.to(wide).transpose(-2, -1) + bias.to(wide)
+
+    def in_windows(self, x, *linears):
+        """Several Linears of the same map as one, [N, H, W, part] -> for each [N * windows, heads, T, its width / heads]."""
+        weight = torch.cat([linear.weight for linear in linears])
+        y = to_windows(F.linear(x, weight, torch.cat([linear.bias for linear in linears])), self.window)
+        parts = y.split([linear.out_features for linear in linears], -1)
+        return [part.unflatten(-1, (self.heads, -1)).transpose(1, 2) for part in parts]
 
     def joint_scores(self, x, f):
         """[N * windows, heads, T, T]: what the softmax sees, and the values [N * windows, heads, T, d]."""
-        a, g = self.norm1(x[..., : self.part]), self.norm1_f(f[..., : self.part])
-        q, k, v = (to_windows(linear(a), self.window, self.heads) for linear in (self.q, self.k, self.v))
-        qf, kf = (to_windows(linear(g), self.window, self.heads) for linear in (self.qf, self.kf))
-        bias = self.bias_table[self.index].permute(2, 0, 1)
+        q, k, v = self.in_windows(self.norm1(x[..., : self.part]), self.q, self.k, self.v)
+        qf, kf = self.in_windows(self.norm1_f(f[..., : self.part]), self.qf, self.kf)
+        tokens = len(self.index)
+        bias = self.bias_table.index_select(0, self.index.view(-1)).view(tokens, tokens, self.heads).permute(2, 0, 1)
         return self.logits(q, k, bias) * self.logits(qf, kf, bias), v
 
     def attend(self, x, f):
@@ -95,7 +118,9 @@ class JointAttention(nn.Module):
         return from_windows(scores.softmax(-1).to(v.dtype) @ v, self.window, *x.shape[:3])
 
     def forward(self, x, f, real):
-        mixed = torch.cat([self.attend(x, f), x[..., self.part :]], -1)
+        mixed = self.attend(x, f)
+        if self.part < x.shape[-1]:
+            mixed = torch.cat([mixed, x[..., self.part :]], -1)
         x = x + self.proj(mixed)
         return x + self.ffn(self.norm2(x))
 
@@ -103,13 +128,13 @@ class JointAttention(nn.Module):
 class FilmCnn(nn.Module):
     """X' = X + gamma * conv(LN1(X)) + beta, [gamma | beta] = Linear(mean over the real tokens of LN1f(F)); then the FFN.
 
-    `mean_jitter` > 0 mixes, while training, each sample's mean with one of an earlier batch by a random weight up to that
-    much: the mean of a crop is not the mean of the frame it stands for.
+    `mean_jitter` > 0 mixes, while training, each sample's mean with the one before it in the batch by a random weight up to
+    that much: the mean of a crop is not the mean of the frame it stands for.
     """
 
     def __init__(self, channels, conv):
         super().__init__()
-        self.mean_jitter, self.earlier = 0.0, None
+        self.mean_jitter = 0.0
         self.norm1 = nn.LayerNorm(channels)
         self.norm1_f = nn.LayerNorm(channels)
         if conv == "separable":
@@ -125,11 +150,9 @@ class FilmCnn(nn.Module):
     def modulation(self, f, real):
         """gamma and beta, [N, 1, 1, C] each."""
         v = self.norm1_f(f[:, : real[0], : real[1]]).mean((1, 2))
-        if self.training and self.mean_jitter > 0:
-            earlier, self.earlier = self.earlier, v.detach()
-            if earlier is not None:
-                weight = torch.rand(v.shape[0], 1, device=v.device) * self.mean_jitter
-                v = torch.lerp(v, earlier[:1].to(v.dtype), weight.to(v.dtype))
+        if self.training and self.mean_jitter > 0 and len(v) > 1:
+            weight = torch.rand(len(v), 1, device=v.device) * self.mean_jitter
+            v = torch.lerp(v, v.detach().roll(1, 0), weight.to(v.dtype))
         return self.film(v)[:, None, None].chunk(2, -1)
 
     def forward(self, x, f, real):

@@ -31,8 +31,8 @@ def far_moves(model, color, aux):
     """Mean plus largest of the squared relative changes of the denoised radiance far from a disturbed pixel. In full
     precision: what is asked for is smaller than the roundings of bfloat16."""
     other, far = disturbed(color)
-    residuals = model(torch.cat([color, other]), torch.cat([aux, aux]))
-    change = (residuals[1] - residuals[0])[:, far]
-    value = torch.expm1((color[0] + residuals[0].detach())[:, far]).clamp(min=0)
+    outputs = model(torch.cat([color, other]), torch.cat([aux, aux]))
+    change = (outputs[1] - outputs[0])[:, far]
+    value = torch.expm1(outputs[0].detach()[:, far]).clamp(min=0)
     squares = (change * (1 + value) / (value + FLOOR)) ** 2
     return squares.mean() + squares.max()

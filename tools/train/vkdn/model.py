@@ -3,7 +3,8 @@ import torch
 import torch.nn.functional as F
 from torch import nn
 
-from .blocks import conv_nhwc, make_block
+from .blocks import conv_nhwc, depthwise_nhwc, make_block, pointwise_nhwc
+from .head import KernelHead, planes
 
 SLOPE = 0.01
 
@@ -13,7 +14,7 @@ def conv3x3(cin, cout, bias=True, stride=1):
 
 
 class AuxStep(nn.Module):
-    """conv1x1, depthwise conv3x3, LeakyReLU. [N, C, H, W]"""
+    """conv1x1, depthwise conv3x3, LeakyReLU. [N, H, W, C]"""
 
     def __init__(self, cin, cout):
         super().__init__()
@@ -21,11 +22,11 @@ class AuxStep(nn.Module):
         self.depthwise = nn.Conv2d(cout, cout, 3, padding=1, groups=cout)
 
     def forward(self, x):
-        return F.leaky_relu(self.depthwise(self.pointwise(x)), SLOPE)
+        return F.leaky_relu(depthwise_nhwc(self.depthwise, pointwise_nhwc(self.pointwise, x)), SLOPE)
 
 
 class AuxProjection(nn.ModuleDict):
-    """Three steps, each feeding the next, their results concatenated and mixed. [N, 7, H, W] -> [N, C, H, W]"""
+    """Three steps, each feeding the next, their results concatenated and mixed. [N, H, W, 7] -> [N, H, W, C]"""
 
     def __init__(self, channels):
         steps = {str(i): AuxStep(7 if i == 0 else channels, channels) for i in range(3)}
@@ -35,21 +36,26 @@ class AuxProjection(nn.ModuleDict):
         results = []
         for i in range(3):
             results.append(self[str(i)](results[-1] if results else aux))
-        return F.leaky_relu(self["out"](torch.cat(results, 1)), SLOPE)
+        return F.leaky_relu(pointwise_nhwc(self["out"], torch.cat(results, -1)), SLOPE)
 
 
 def down(conv, x):
     """[N, H, W, C] -> [N, H/2, W/2, 2C]: conv C->C/2, then channel c*4 + 2*dy + dx."""
-    return F.pixel_unshuffle(conv(x.permute(0, 3, 1, 2)), 2).permute(0, 2, 3, 1).contiguous()
+    y = conv_nhwc(conv, x).contiguous()
+    n, h, w, c = y.shape
+    return y.view(n, h // 2, 2, w // 2, 2, c).permute(0, 1, 3, 5, 2, 4).reshape(n, h // 2, w // 2, 4 * c)
 
 
 def up(conv, x):
     """[N, H, W, 2C] -> [N, 2H, 2W, C]: conv 2C->4C, then the inverse of `down`'s shuffle."""
-    return F.pixel_shuffle(conv(x.permute(0, 3, 1, 2)), 2).permute(0, 2, 3, 1).contiguous()
+    y = conv_nhwc(conv, x).contiguous()
+    n, h, w, c = y.shape
+    return y.view(n, h, w, c // 4, 2, 2).permute(0, 1, 4, 2, 5, 3).reshape(n, 2 * h, 2 * w, c // 4)
 
 
 class Denoiser(nn.Module):
-    """log1p colour c [N, 3, H, W], aux [N, 7, H, W] -> residual r [N, 3, H, W] in the log domain.
+    """log1p colour c [N, 3, H, W], aux [N, 7, H, W] -> log1p of the denoised colour [N, 3, H, W]: c + r, r the network's
+    residual, or what `arch.head` makes.
 
     H and W are multiples of `arch.multiple`; real = (height, width) of the unpadded frame in pixels.
     """
@@ -86,6 +92,10 @@ class Denoiser(nn.Module):
             self.patch_unembed = conv3x3(last, 4 * last, bias=False)
         self.output = conv3x3(last, 3)
         self.reset_parameters()
+        if arch.head:
+            if arch.patch != 2 or len(stages) != 3:
+                raise ValueError("a head of predicted kernels needs three stages of 2x2 patches")
+            self.head = KernelHead(last, arch.head.levels, arch.head.gated)
 
     def wide_decoder(self, stage):
         """Whether this stage's decoder keeps [up, skip] side by side instead of mixing them down to C."""
@@ -111,12 +121,13 @@ class Denoiser(nn.Module):
                     table.copy_(2.0 - 0.2 * distance[:, None] + noise)
 
     def project(self, color, aux):
-        """X0 and F0 at token resolution, [N, H/patch, W/patch, C]."""
-        x = F.leaky_relu(self.color_proj(color), SLOPE)
-        f = self.aux_proj(aux)
-        if self.arch.patch == 2:
-            x, f = self.patch_embed_x(x), self.patch_embed_f(f)
-        return x.permute(0, 2, 3, 1).contiguous(), f.permute(0, 2, 3, 1).contiguous()
+        """X0 and F0 at full size, and at token resolution, [N, H, W, C] and [N, H/patch, W/patch, C]."""
+        to_nhwc = lambda t: t.permute(0, 2, 3, 1).to(self.output.weight.dtype).contiguous()
+        x0 = F.leaky_relu(conv_nhwc(self.color_proj, to_nhwc(color)), SLOPE).contiguous()
+        f0 = self.aux_proj(to_nhwc(aux)).contiguous()
+        if self.arch.patch == 1:
+            return x0, f0, x0, f0
+        return x0, f0, conv_nhwc(self.patch_embed_x, x0).contiguous(), conv_nhwc(self.patch_embed_f, f0).contiguous()
 
     def decode(self, x, f, skip, real, i):
         """Stage i of the decoder; f the features of all levels, skip those of this stage's encoder."""
@@ -134,9 +145,8 @@ class Denoiser(nn.Module):
         stage_count = len(self.arch.stages)
         strides = [self.arch.patch * 2**i for i in range(stage_count + 1)]
         tokens = [(-(-height // s), -(-width // s)) for s in strides]
-        memory = torch.channels_last
-        x, f0 = self.project(color.contiguous(memory_format=memory), aux.contiguous(memory_format=memory))
-        f, skips = [f0], []
+        x0, f0, x, f_first = self.project(color, aux)
+        f, skips = [f_first], []
         for i in range(stage_count):
             for block in self.enc[i]:
                 x = block(x, f[i], tokens[i])
@@ -145,11 +155,16 @@ class Denoiser(nn.Module):
             f.append(down(self.down[i], f[i]))
         for block in self.bottleneck:
             x = block(x, f[-1], tokens[-1])
+        decoded = [x]
         for i in reversed(range(stage_count)):
             x = self.decode(x, f, skips[i], tokens[i], i)
+            decoded.insert(0, x)
         if self.arch.patch == 2:
             x = up(self.patch_unembed, x)
-        return conv_nhwc(self.output, x).permute(0, 3, 1, 2)
+        direct = color + planes(conv_nhwc(self.output, x))
+        if self.arch.head is None:
+            return direct
+        return self.head(x0, f0, decoded, color, direct, aux[:, :3])
 
 
 def mirror_index(size, multiple):
@@ -167,8 +182,8 @@ def pad(x, multiple):
 
 
 def predict(model, color, aux):
-    """The residual for inputs of any size: pad, run, crop. [N, 3, H, W], [N, 7, H, W] -> [N, 3, H, W]"""
+    """The log1p of the denoised colour for inputs of any size: pad, run, crop. [N, 3, H, W], [N, 7, H, W] -> [N, 3, H, W]"""
     height, width = color.shape[2:]
     multiple = model.arch.multiple
-    residual = model(pad(color, multiple), pad(aux, multiple), (height, width))
-    return residual[:, :, :height, :width]
+    output = model(pad(color, multiple), pad(aux, multiple), (height, width))
+    return output[:, :, :height, :width]

@@ -265,8 +265,8 @@ def auxiliary(shape, albedo, normal, depth, depth_scale):
     return out
 
 
-def finish(log_colour, residual, exposure, largest=np.inf, beyond=0, given=False):
-    """The denoised radiance: max(expm1(c + r) / exposure, 0), at most the frame's largest samples, and what went around; `given`
+def finish(log_output, exposure, largest=np.inf, beyond=0, given=False):
+    """The denoised radiance: max(expm1(output) / exposure, 0), at most the frame's largest samples, and what went around; `given`
     samples are that alone."""
-    denoised = np.maximum(np.expm1(log_colour + residual) / np.float32(exposure), 0)
+    denoised = np.maximum(np.expm1(log_output) / np.float32(exposure), 0)
     return np.where(given, 0, np.minimum(denoised, np.float32(largest))) + beyond

@@ -14,7 +14,6 @@ from datetime import datetime
 from pathlib import Path
 
 import torch
-import torch.nn.functional as F
 from tqdm import tqdm
 
 from . import checkpoint, weights
@@ -22,29 +21,11 @@ from .arch import ARCHITECTURES
 from .blocks import FilmCnn
 from .data import Augmentation, TrainingSet, load_views
 from .denoise import denoise
+from .losses import balanced, relative_l2
 from .metrics import psnr
 from .model import Denoiser
 from .locality import far_moves
 from .start import start_as_blur
-
-EPSILON = 0.01
-
-
-def relative_l2(prediction, target, delta, bright=math.inf):
-    """Mean of (y - yhat)^2 / (mean_rgb(y)^2 + 0.01) of each sample, in the log domain, [N, 3, H, W] -> [N]. Relative errors
-    beyond `delta` count linearly: at 1 spp a few dark pixels beside fireflies would otherwise be most of the gradient.
-    No pixel counts as brighter than `bright`: the log of bright light is a relative measure already, and divided by its size
-    again lamps and windows weigh next to nothing."""
-    scale = torch.rsqrt(target.mean(1, keepdim=True).clamp(max=bright) ** 2 + EPSILON)
-    return 2 * F.huber_loss(prediction * scale, target * scale, delta=delta, reduction="none").mean((1, 2, 3))
-
-
-def balanced(errors, knee):
-    """Mean of knee * log(1 + error / knee) over the samples. Without it the crops of one sample per pixel, whose errors are
-    ten times those of 32, take nearly all of the gradient; a PSNR is a logarithm as well. A knee of infinity: the plain mean.
-    """
-    return (errors if math.isinf(knee) else knee * torch.log1p(errors / knee)).mean()
-
 
 def learning_rate(step, progress, peak, warm_up, floor=1e-6):
     """Linear warm-up by steps, times a cosine from `peak` to `floor` over `progress` 0..1."""
@@ -201,8 +182,8 @@ class Trainer:
         """Loss and gradients of a part of a batch, already weighted by its size."""
         color, aux, target = (t.to(self.device, non_blocking=True) for t in share)
         with torch.autocast(self.device.type, torch.bfloat16, enabled=self.args.bf16):
-            residual = self.model(color, aux)
-        errors = relative_l2(color + residual.float(), target, self.args.delta, self.args.bright)
+            output = self.model(color, aux)
+        errors = relative_l2(output.float(), target, self.args.delta, self.args.bright)
         weight = len(color) / self.args.batch
         loss = balanced(errors, self.args.knee)
         if self.args.locality:

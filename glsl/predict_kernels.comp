@@ -1,0 +1,142 @@
+// The kernels of every pixel, predicted and applied at full size: nothing of what is predicted but the other levels' shares goes to
+// memory.
+//
+// An invocation works on TX pixels in a row. On GPUs what taps read lies in shared memory; CPU drivers read that more slowly than
+// texels.
+#version 460
+#extension GL_EXT_control_flow_attributes : require
+#include "shared/storage.glsl"
+#include "shared/tiles.glsl"
+#include "shared/kernels.glsl"
+TEXELS_OF(0, hidden)
+TEXELS_OF(1, taps)
+TEXELS_OF(2, albedo)
+TEXELS_OF(3, weights)
+#include "shared/products.glsl"
+
+layout(local_size_x = 64) in;
+
+layout(push_constant) uniform Push {
+    Source hidden;
+    Weights taps;
+    Source albedo;
+    Weights weights;
+    Target dst;
+    TileList tiles;       // with FLAG_TILE_LIST
+    uint width;
+    uint height;
+    uint hidden_stride;   // strides in vectors of four
+    uint taps_stride;
+    uint albedo_stride;
+    uint dst_stride;
+    uint first_tile;      // x | y << 16, in half tiles
+    uint tile_count;
+    uint flags;
+    uint unused;
+};
+
+const uint LANES_X = 8 / TX;
+const uint LANES = 64 / TX;                    // invocations per tile
+// Outputs: 25 logits, nine of the albedo's kernel from the eighth vector on, five shares and the gate from the eleventh on.
+const uint ALBEDO_AT = 7u;
+const uint SHARES_AT = 10u;
+const uint VECTORS = 12u;
+
+// What a tap at `at` reads: the reliability times the image, and the reliability; of the albedo what the radiance is divided by,
+// and 1. Zeros outside the frame.
+vec4 load_tap(ivec2 at, bool of_albedo) {
+    bool inside = min(at.x, at.y) >= 0 && at.x < int(width) && at.y < int(height);
+    uvec2 clamped = uvec2(clamp(at, ivec2(0), ivec2(width, height) - 1));
+    uint pixel = clamped.y * width + clamped.x;
+    vec4 value;
+    if (of_albedo) {
+        value = vec4(demodulator(LOAD(albedo, pixel * albedo_stride).xyz), 1.0);
+    } else {
+        value = LOAD_WEIGHTS(taps, pixel * taps_stride);
+    }
+    return mix(vec4(0.0), value, bvec4(inside));
+}
+
+#ifndef TEXELS
+const int SIDE = 12;                           // a tile and two pixels on each side
+shared vec4 staged[TX * 2 * SIDE * SIDE];      // of every tile the radiance's, then the albedo's
+#endif
+
+vec4 inputs[TX * HIDDEN];
+vec4 outputs[TX];
+#define INPUT(p, k) inputs[(p) * HIDDEN + (k) / 4][(k) % 4]
+
+void main() {
+    uint slot = group_index() * (64u / LANES) + gl_LocalInvocationID.x / LANES;
+    uint count = tiles_of(tile_count, flags, tiles);
+    bool live = slot < count;
+    if (count == 0u) return;
+    uvec2 origin = tile_origin(min(slot, count - 1u), first_tile, flags, tiles);
+    uint lane = gl_LocalInvocationID.x % LANES;
+    uvec2 own = uvec2(lane % LANES_X * TX, lane / LANES_X);
+    uvec2 at = origin + own;
+#ifndef TEXELS
+    int of_tile = int(gl_LocalInvocationID.x / LANES) * 2 * SIDE * SIDE;
+    for (int i = int(lane); i < 2 * SIDE * SIDE; i += int(LANES)) {
+        int j = i % (SIDE * SIDE);
+        staged[of_tile + i] = load_tap(ivec2(origin) + ivec2(j % SIDE, j / SIDE) - 2, i >= SIDE * SIDE);
+    }
+    barrier();
+#endif
+    Average averages[TX];
+    [[unroll]] for (int p = 0; p < TX; ++p) {
+        uint from = (at.y * width + at.x + p) * hidden_stride;
+        [[unroll]] for (int k = 0; k < HIDDEN; ++k) inputs[p * HIDDEN + k] = LOAD(hidden, from + k);
+        averages[p] = no_average();
+    }
+    vec3 full[TX];
+    vec4 first[TX];
+    for (uint n = 0u; n < VECTORS; ++n) {
+        vec4 bias = LOAD_WEIGHTS(weights, BIASES_AT + n);
+        [[unroll]] for (int p = 0; p < TX; ++p) outputs[p] = bias;
+        ADD_PRODUCTS(outputs, INPUT, 4 * HIDDEN, OUTPUTS_AT + n * (4 * HIDDEN))
+        if (n >= SHARES_AT) {
+            if (n == SHARES_AT) {
+                [[unroll]] for (int p = 0; p < TX; ++p) first[p] = outputs[p];
+            }
+            continue;
+        }
+        bool of_albedo = n >= ALBEDO_AT;
+        if (n == ALBEDO_AT) {
+            [[unroll]] for (int p = 0; p < TX; ++p) {
+                full[p] = averages[p].sum.xyz / averages[p].sum.w;
+                averages[p] = no_average();
+            }
+        }
+        [[unroll]] for (int p = 0; p < TX; ++p) {
+            vec4 read[4];
+            [[unroll]] for (uint i = 0u; i < 4u; ++i) {
+                uint tap = 4u * (of_albedo ? n - ALBEDO_AT : n) + i;
+                ivec2 offset = of_albedo ? offset_in_3x3(tap) : offset_in_5x5(tap);
+                bool counts = tap < (of_albedo ? 9u : 25u);
+#ifdef TEXELS
+                read[i] = load_tap(ivec2(at) + ivec2(p, 0) + offset, of_albedo);
+#else
+                ivec2 place = ivec2(own) + ivec2(p, 0) + offset + 2;
+                read[i] = staged[of_tile + (of_albedo ? SIDE * SIDE : 0) + place.y * SIDE + place.x];
+#endif
+                if (!counts) read[i] = vec4(0.0);
+            }
+            averages[p] = with_taps(averages[p], outputs[p], read);
+        }
+    }
+    if (!live) return;
+    [[unroll]] for (int p = 0; p < TX; ++p) {
+        // The shares of five levels, of which the last may be impossible.
+        float most = max(max(max(first[p].x, first[p].y), max(first[p].z, first[p].w)), outputs[p].x);
+        vec4 shares = exp(first[p] - most);
+        float last_share = exp(outputs[p].x - most);
+        float inverse = 1.0 / (shares.x + shares.y + shares.z + shares.w + last_share);
+        float gate = 1.0 / (1.0 + exp(clamp(-outputs[p].y, -60.0, 60.0)));
+        uint to = (at.y * width + at.x + p) * dst_stride;
+        float share = shares.x * inverse;
+        STORE(dst, to, vec4(full[p] * share, share));
+        STORE(dst, to + 1u, vec4(averages[p].sum.xyz / averages[p].sum.w, gate));
+        STORE(dst, to + 2u, vec4(shares.yzw, last_share) * inverse);
+    }
+}
