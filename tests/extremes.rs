@@ -13,7 +13,7 @@ use vkdenoise::frame::{Extent, Layout, PlaneMut};
 use vkdenoise::kernels::film::{FilmVector, TokenSum};
 use vkdenoise::kernels::maps::LayerNorm;
 use vkdenoise::kernels::window_attention::WindowAttention;
-use vkdenoise::kernels::{BufferId, Call, Storage, Tiles, View};
+use vkdenoise::kernels::{Arithmetic, BufferId, Call, Storage, Tiles, View};
 use vkdenoise::net::{Arch, Block, Convolution, Graph, Weights};
 use vkdenoise::plan::pack::Pack;
 use vkdenoise::plan::{Buffer, Place};
@@ -129,6 +129,7 @@ fn attention_of_large_logits() {
             key_width: keys,
             value_width: values,
             tiles: Tiles::All,
+            arithmetic: Arithmetic::Floats,
         });
         let mut reference = Reference::for_calls(Extent::new(1, 1), &buffers, &weights).unwrap();
         reference.set_buffer(BufferId(0), &wide(&window.x));

@@ -159,7 +159,7 @@ fn a_large_frame_fits_its_memory() {
     let extent = Extent::new(3840, 2160);
     let graph = Graph::new(&Arch::hybrid()).unwrap();
     for (storage, limit) in [(Storage::F32, 2 << 30), (Storage::F16, 1 << 30)] {
-        let max_chain_bytes = max_chain_bytes(storage);
+        let max_chain_bytes = max_chain_bytes(storage, Arithmetic::Floats);
         let options = PlanOptions { storage, max_chain_bytes, ..PlanOptions::default() };
         let bytes = plan(&graph, extent, &options).unwrap().bytes() + 52 * extent.pixels() + 256;
         println!("{storage:?}: {bytes} bytes");
