@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::case::{Cases, KERNEL_LIMIT, MATRIX_LIMIT, STORAGES};
+use common::case::{Cases, KERNEL_LIMIT, MATRIX_LIMIT, STORAGES, worth_compiling};
 use common::dense::{dense_cases, ending, size};
 use vkdenoise::kernels::dense::Conv3x3;
 use vkdenoise::kernels::winograd::{Winograd3x3, WinogradTile};
@@ -117,16 +117,18 @@ fn conv3x3_with_shuffles() {
 fn conv3x3_on_matrices() {
     let mut cases = dense_cases(4);
     (cases.storage, cases.arithmetic) = (Storage::F16, Arithmetic::Matrices);
-    for channels in [(3, 32), (4, 20), (3, 100), (16, 8), (32, 32), (32, 64), (64, 36), (48, 128), (80, 100)].repeat(3) {
+    let plain =
+        [(3, 32), (32, 64), (32, 32), (4, 20), (3, 100), (16, 8), (64, 36), (48, 128), (80, 100)];
+    for channels in worth_compiling(&plain, 2).repeat(3) {
         add_conv(&mut cases, channels, 1, Shuffle::None);
     }
-    for channels in [(16, 12), (32, 32), (32, 64), (64, 44), (48, 160)].repeat(2) {
+    for channels in worth_compiling(&[(32, 32), (16, 12), (32, 64), (64, 44), (48, 160)], 1).repeat(2) {
         add_conv(&mut cases, channels, 2, Shuffle::None);
     }
-    for channels in [(32, 16), (64, 32), (128, 64), (32, 8), (16, 20)].repeat(2) {
+    for channels in worth_compiling(&[(32, 16), (64, 32), (128, 64), (32, 8), (16, 20)], 1).repeat(2) {
         add_conv(&mut cases, channels, 1, Shuffle::Unshuffle);
     }
-    for channels in [(32, 64), (64, 128), (64, 256), (48, 48), (16, 16)].repeat(2) {
+    for channels in worth_compiling(&[(64, 128), (32, 64), (64, 256), (48, 48), (16, 16)], 1).repeat(2) {
         add_conv(&mut cases, channels, 1, Shuffle::Shuffle);
     }
     cases.check("conv3x3", MATRIX_LIMIT);

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::case::{Cases, DENSE_FORMS, KERNEL_LIMIT, MATRIX_LIMIT, STORAGES, small_net};
+use common::case::{Cases, DENSE_FORMS, KERNEL_LIMIT, MATRIX_LIMIT, STORAGES, small_net, worth_compiling};
 use common::dense::{ACTIVATIONS, dense_cases, ending, size};
 use half::f16;
 use vkdenoise::kernels::aux_projection::AuxProjection;
@@ -26,7 +26,8 @@ fn unembed() {
         (Storage::F16, Arithmetic::Floats, KERNEL_LIMIT),
         (Storage::F16, Arithmetic::Matrices, MATRIX_LIMIT),
     ] {
-        for base in if arithmetic == Arithmetic::Matrices { [16, 32, 48] } else { [8, 24, 32] } {
+        let on_matrices = worth_compiling(&[32, 16, 48], 1);
+        for base in if arithmetic == Arithmetic::Matrices { on_matrices } else { vec![8, 24, 32] } {
             let mut cases = map_cases(base);
             cases.arithmetic = arithmetic;
             for _ in 0..8 {
@@ -52,7 +53,8 @@ fn unembed() {
 #[test]
 fn separable3x3() {
     for (storage, arithmetic, limit) in DENSE_FORMS {
-        for base in [8, 24, 40] {
+        let on_matrices = worth_compiling(&[8, 24, 40], 1);
+        for base in if arithmetic == Arithmetic::Matrices { on_matrices } else { vec![8, 24, 40] } {
             let mut cases = map_cases(base);
             (cases.storage, cases.arithmetic) = (storage, arithmetic);
             let tensors =
@@ -160,21 +162,21 @@ fn linear() {
 /// Channels of both inputs and of the result, and whether the inputs are normed: every way to cut the work, the networks' own
 /// and such as leave subgroups and columns over.
 const MATRIX_SHAPES: [(u32, u32, u32, bool); 18] = [
-    (8, 0, 32, false),
     (32, 0, 32, false),
+    (64, 192, 256, false),
+    (40, 8, 68, false),
+    (16, 0, 32, true),
+    (128, 0, 512, true),
+    (8, 0, 32, false),
     (16, 48, 64, false),
     (32, 96, 128, false),
-    (64, 192, 256, false),
     (128, 0, 32, false),
     (256, 0, 64, false),
     (24, 0, 20, false),
-    (40, 8, 100, false),
-    (8, 16, 68, false),
-    (16, 0, 32, true),
+    (8, 16, 100, false),
     (16, 0, 16, true),
     (32, 0, 128, true),
     (64, 0, 256, true),
-    (128, 0, 512, true),
     (64, 0, 36, true),
     (128, 0, 4, true),
     (32, 0, 160, true),
@@ -184,7 +186,7 @@ const MATRIX_SHAPES: [(u32, u32, u32, bool); 18] = [
 fn linear_on_matrices() {
     let mut cases = dense_cases(9);
     (cases.storage, cases.arithmetic) = (Storage::F16, Arithmetic::Matrices);
-    for (first, second, outputs, normed) in MATRIX_SHAPES.repeat(2) {
+    for (first, second, outputs, normed) in worth_compiling(&MATRIX_SHAPES, 5).repeat(2) {
         let size = size(&mut cases, 8);
         let parts = vec![LinearPart { prefix: "bottleneck.0.ffn.expand".into(), outputs }];
         let columns = 0..first + second;
@@ -351,7 +353,8 @@ fn window_attention() {
 fn window_attention_on_matrices() {
     let mut cases = dense_cases(10);
     (cases.storage, cases.arithmetic) = (Storage::F16, Arithmetic::Matrices);
-    for form in [(1, 8, 16), (1, 16, 32), (1, 32, 64), (1, 24, 48), (4, 32, 32), (8, 16, 16)].repeat(3) {
+    let forms = [(1, 8, 16), (2, 32, 32), (1, 32, 64), (1, 16, 32), (1, 24, 48), (4, 32, 32), (8, 16, 16)];
+    for form in worth_compiling(&forms, 2).repeat(3) {
         add_attention(&mut cases, form, 1.8);
     }
     cases.check("window_attention", MATRIX_LIMIT);

@@ -4,6 +4,7 @@ use super::compare::nmse;
 use super::device::{assert_no_validation_messages, device};
 use super::random::Random;
 use half::f16;
+use vkdenoise::DeviceKind;
 use vkdenoise::frame::Extent;
 use vkdenoise::kernels::{Arithmetic, BufferId, Call, HALF_TILE, Storage, TILE, TileRect, Tiles, Variants, View};
 use vkdenoise::net::{
@@ -56,6 +57,12 @@ pub const DENSE_FORMS: [(Storage, Arithmetic, f64); 3] = [
 /// mean square over all of them by 2^-11 / sqrt(6); errors of two independent factors add up to a third of 2^-22, and cancel
 /// in a sum as its terms do.
 pub const MATRIX_LIMIT: f64 = 1.0 / (1u64 << 22) as f64;
+
+/// Cases on matrices: all of them, or on a CPU driver, which takes ten seconds and more to compile a pipeline, the first of them.
+pub fn worth_compiling<T: Copy>(cases: &[T], on_cpu: usize) -> Vec<T> {
+    let count = if device().info().kind == DeviceKind::Cpu { on_cpu } else { cases.len() };
+    cases[..count].to_vec()
+}
 
 /// The portable variants.
 pub const PORTABLE: Variants = Variants { cpu: false, images: false, output_half: false };

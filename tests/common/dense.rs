@@ -1,7 +1,7 @@
 //! Cases for the dense kernels.
 
 use super::case::{Cases, small_net};
-use vkdenoise::kernels::{Activation, BufferId};
+use vkdenoise::kernels::{Activation, Arithmetic, BufferId};
 use vkdenoise::net::Block;
 
 /// All of them.
@@ -26,14 +26,19 @@ pub struct Ending {
     pub activation: Activation,
 }
 
-/// One of four, as a driver compiles a pipeline for each: every part occurs, and in one all of them, whose order counts.
+/// One of four, as a driver compiles a pipeline for each: every part occurs, and in one all of them, whose order counts. That one
+/// alone on matrices, whose pipelines take CPU drivers long.
 pub fn ending(cases: &mut Cases, channels: u32) -> Ending {
-    let (film, residual, activation) = cases.random.pick(&[
-        (false, false, Activation::None),
-        (true, false, Activation::None),
-        (false, true, Activation::Relu),
-        (true, true, Activation::LeakyRelu),
-    ]);
+    let all = (true, true, Activation::LeakyRelu);
+    let (film, residual, activation) = match cases.arithmetic {
+        Arithmetic::Floats => cases.random.pick(&[
+            (false, false, Activation::None),
+            (true, false, Activation::None),
+            (false, true, Activation::Relu),
+            all,
+        ]),
+        Arithmetic::Matrices => all,
+    };
     let vector = cases.random.values(2 * channels as usize, -2.0, 2.0);
     Ending { film: film.then(|| cases.filled("film", vector)), residual, activation }
 }
