@@ -60,21 +60,35 @@ pub fn check(contract: &Contract, words: &[u32]) -> Result<(), String> {
     compare(contract, "specialisation constants (id, name)", &constants, &wanted_constants)
 }
 
+const OP_TYPE_BOOL: u32 = 20;
 const OP_TYPE_VECTOR: u32 = 23;
+const OP_CONSTANT_TRUE: u32 = 41;
+const OP_CONSTANT: u32 = 43;
+const OP_SPEC_CONSTANT_OP: u32 = 52;
 const OP_TYPE_COOPERATIVE_MATRIX: u32 = 4456;
 /// Words before the first instruction.
 const HEADER: usize = 5;
 
-/// The module with cooperative matrices declared as vectors: the reflection knows no matrices, and looks only at what lies
-/// outside of the functions that use them.
+/// The module with cooperative matrices declared as vectors, and every size that is computed of specialisation constants as
+/// any number: the reflection knows no matrices and computes little, and looks only at what lies outside of the functions that use
+/// them.
 fn without_matrices(words: &[u32]) -> Vec<u32> {
     let (header, mut rest) = words.split_at(HEADER.min(words.len()));
     let mut out = header.to_vec();
+    let mut bool_type = None;
     while let Some(&first) = rest.first() {
         let (instruction, after) = rest.split_at((first >> 16).max(1).min(rest.len() as u32) as usize);
         match instruction {
             [_, result, component, ..] if first & 0xffff == OP_TYPE_COOPERATIVE_MATRIX => {
                 out.extend([4 << 16 | OP_TYPE_VECTOR, *result, *component, 2]);
+            }
+            [_, ty, result, ..] if first & 0xffff == OP_SPEC_CONSTANT_OP => match bool_type == Some(*ty) {
+                true => out.extend([3 << 16 | OP_CONSTANT_TRUE, *ty, *result]),
+                false => out.extend([4 << 16 | OP_CONSTANT, *ty, *result, 1]),
+            },
+            [_, result] if first & 0xffff == OP_TYPE_BOOL => {
+                bool_type = Some(*result);
+                out.extend(instruction);
             }
             other => out.extend(other),
         }

@@ -1,22 +1,26 @@
-// Dense 3x3 convolution, zero padding, stride STRIDE, on cooperative matrices: the factors rounded to halves, the sums in 32-bit
-// floats; with the epilogue of the other convolutions.
+// Dense 3x3 convolution of halves, zero padding, stride STRIDE, on cooperative matrices, the sums in 32-bit floats; with the
+// epilogue of the other convolutions.
 //
-// The inputs of one column of taps, kx, are staged as rows of eight tokens that lie STRIDE apart. So the tokens of a tile
-// follow one another for every ky, and a matrix of any number of rows begins at any of them. For stride 2 the even rows come
-// before the odd ones: then a tile's rows follow one another too.
+// The inputs of one column of taps, kx, are staged as rows of eight tokens that lie STRIDE apart: a copy of the tile's
+// surroundings for each kx, COPIES of them at a time. So the tokens of a tile follow one another for every ky, and a matrix of any
+// number of rows begins at any of them. For stride 2 the even rows come before the odd ones: then a tile's rows follow one
+// another too.
 #version 460
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"
 #define EPILOGUE_ID 4         // after those of matrix.glsl
 #include "shared/epilogue.glsl"
 #include "shared/matrix.glsl"
+layout(constant_id = 5) const uint TILES = 4;   // of a workgroup: 1, 2 or 4
+layout(constant_id = 6) const uint INPUTS = 32; // staged at a time, a divisor of all
+layout(constant_id = 7) const uint COPIES = 1;  // columns of taps staged at a time: 1 or, of stride 1, 3
 
 layout(push_constant) uniform Push {
     Source src;
     Target dst;
-    Weights weights;      // [bias | packed weights]
+    Weights weights;      // [bias | halves, packed]
     Weights film;         // [gamma | beta] with FLAG_FILM
-    Source residual;      // with FLAG_RESIDUAL
+    Residual residual;    // with FLAG_RESIDUAL
     TileList tiles;       // with FLAG_TILE_LIST
     uint src_width;
     uint src_height;
@@ -32,59 +36,116 @@ layout(push_constant) uniform Push {
     uint flags;
 };
 
-#include "shared/conv_store.glsl"
-
-const uint INPUTS = 16u;                        // staged at a time
-const uint INPUTS_STRIDE = INPUTS / 8u + 1u;
+const uint VECTORS = INPUTS / 8u;               // of eight halves
+const uint TOKEN = VECTORS + 1u;
 const uint SOURCE_ROWS = 7u * STRIDE + 3u;
 const uint EVEN_ROWS = 9u;                      // of stride 2
-const uint WEIGHTS_AT = 4u * SOURCE_ROWS * 8u * INPUTS_STRIDE;
-const uint STAGED = WEIGHTS_AT + 3u * INPUTS * 5u;
+const uint COPY = SOURCE_ROWS * 8u * TOKEN;
+const uint STAGED_INPUTS = TILES * COPIES * COPY;
 #include "shared/matrix_dense.glsl"
+#include "shared/conv_store.glsl"
 
 // Where a row of the source that begins `row` below the tile's first one is staged.
 uint staged_row(uint row) {
     return STRIDE == 1 ? row : (row & 1u) * EVEN_ROWS + row / 2u;
 }
 
-void main() {
-    uint slot = group_index() * SUBGROUPS + gl_SubgroupID;
-    uint count = tiles_of(tile_count, flags, tiles);
-    if (count == 0u) return;
-    bool live = slot < count;
-    uvec2 origin = tile_origin(min(slot, count - 1u), first_tile, flags, tiles);
-    uint rows = gl_SubgroupID * SOURCE_ROWS * 8u * INPUTS_STRIDE;
-    uint first_weight = bias_vectors + gl_WorkGroupID.y * 9u * src_channels * OUTPUTS;
+// Stages columns kx..kx + COPIES of taps, of the inputs from vector `first` on.
+void stage(uint rows, uvec2 origin, uint first, uint kx) {
+    Vectors from = Vectors(src);
+    const uint WIDTH = 7u + COPIES;
+    ivec2 corner = ivec2(origin) * STRIDE + ivec2(int(kx) - 1, -1);
+    for (uint i = tile_lane; i < SOURCE_ROWS * WIDTH * VECTORS; i += TILE_LANES) {
+        uint part = i % VECTORS;
+        uint column = i / VECTORS % WIDTH, row = i / VECTORS / WIDTH;
+        ivec2 at = corner + ivec2(column * STRIDE, row);
+        bool inside = at.x >= 0 && at.x < int(src_width) && at.y >= 0 && at.y < int(src_height);
+        uint pixel = uint(inside ? at.y * int(src_width) + at.x : 0);
+        uvec4 halves = from.v[pixel * (src_stride / 2u) + first + part];
+        if (!inside) halves = uvec4(0u);
+        uint to = rows + staged_row(row) * 8u * TOKEN + part;
+        [[unroll]] for (uint copy = 0u; copy < COPIES; ++copy) {
+            if (column - copy < 8u) staged[to + copy * COPY + (column - copy) * TOKEN] = halves;
+        }
+    }
+}
 
-    clear_sums();
-    for (uint first = 0u; first < src_channels; first += INPUTS / 4u) {
-        for (uint kx = 0u; kx < 3u; ++kx) {
-            barrier();
-            ivec2 corner = ivec2(origin) * STRIDE + ivec2(int(kx) - 1, -1);
-            for (uint i = gl_SubgroupInvocationID; i < SOURCE_ROWS * 8u * INPUTS / 8u; i += LANES) {
-                uint token = i / (INPUTS / 8u), part = i % (INPUTS / 8u);
-                ivec2 at = corner + ivec2(token % 8u * STRIDE, token / 8u);
-                bool inside = at.x >= 0 && at.x < int(src_width) && at.y >= 0 && at.y < int(src_height);
-                uint k = first + 2u * part;
-                uint from = inside ? uint(at.y * int(src_width) + at.x) * src_stride + k : 0u;
-                vec4 low = inside && k < src_channels ? LOAD(src, from) : vec4(0.0);
-                vec4 high = inside && k + 1u < src_channels ? LOAD(src, from + 1u) : vec4(0.0);
-                staged[rows + (staged_row(token / 8u) * 8u + token % 8u) * INPUTS_STRIDE + part] = to_halves(low, high);
-            }
-            for (uint i = gl_LocalInvocationID.x; i < 3u * INPUTS * OUTPUTS / 8u; i += INVOCATIONS) {
-                uint row = i / (OUTPUTS / 8u), part = i % (OUTPUTS / 8u);
-                uint k = 4u * first + row % INPUTS;
-                uint tap = row / INPUTS * 3u + kx;
-                uint from = first_weight + (tap * 4u * src_channels + k) * (OUTPUTS / 4u);
-                STAGE_WEIGHTS(WEIGHTS_AT, row, part, from, k < 4u * src_channels)
-            }
-            barrier();
-            [[unroll]] for (uint ky = 0u; ky < 3u; ++ky) {
-                multiply_add(
-                    rows + staged_row(ky) * 8u * INPUTS_STRIDE, INPUTS_STRIDE,
-                    WEIGHTS_AT + ky * INPUTS * OUTPUTS_STRIDE, INPUTS);
+// sums += the products of one column of taps, staged at `rows`; the weights of its first tap begin at `at`, those of the next
+// ones `row_of_taps` further each.
+void multiply_column(uint rows, Halves weights, uint at, uint row_of_taps) {
+#if STRIDE == 1
+    // Rows of matrices begin at every row of tokens; each serves up to three taps.
+    const uint STEP = ROWS / 8u;
+    [[unroll]] for (uint k = 0u; k < INPUTS; k += DEPTH) {
+        MatrixA inputs[TOKENS / 8u + 3u - STEP];
+        [[unroll]] for (uint row = 0u; row < TOKENS / 8u + 3u - STEP; ++row) {
+            coopMatLoad(inputs[row], staged, rows + row * 8u * TOKEN + k / 8u, TOKEN, gl_CooperativeMatrixLayoutRowMajor);
+        }
+        [[unroll]] for (uint ky = 0u; ky < 3u; ++ky) {
+            MatrixB columns[COLUMN_TILES];
+            load_weights(weights, at + ky * row_of_taps + k * OUTPUTS, columns);
+            [[unroll]] for (uint m = 0u; m < ROW_TILES; ++m) {
+                [[unroll]] for (uint n = 0u; n < COLUMN_TILES; ++n) {
+                    sums[m * COLUMN_TILES + n] = coopMatMulAdd(inputs[m * STEP + ky], columns[n], sums[m * COLUMN_TILES + n]);
+                }
             }
         }
     }
-    FINISH_SUMS(store_result)
+#else
+    [[unroll]] for (uint ky = 0u; ky < 3u; ++ky) {
+        multiply_add(rows + staged_row(ky) * 8u * TOKEN, TOKEN, weights, at + ky * row_of_taps, INPUTS);
+    }
+#endif
+}
+
+// The sums of `part` go to tokens of half the resolution: of 2x2 tokens one channel makes a vector.
+void finish_unshuffled(uint part, uvec2 origin) {
+    for (uint i = gl_SubgroupInvocationID; i < SUMS_TOKENS / 4u * OUTPUTS; i += LANES) {
+        uint output_of = i % OUTPUTS, channel = own_outputs * OUTPUTS + output_of;
+        uvec2 to = uvec2(i / OUTPUTS % 4u, i / OUTPUTS / 4u);
+        if (channel >= 4u * dst_channels) continue;
+        vec4 value;
+        [[unroll]] for (uint d = 0u; d < 4u; ++d) {
+            uint token = (2u * to.y + d / 2u) * 8u + 2u * to.x + d % 2u;
+            value[d] = staged_sum(token, output_of / 4u)[output_of % 4u];
+        }
+        value = activate(value + ReadFloats(weights).v[channel], EPILOGUE);
+        uvec2 at = origin / 2u + uvec2(0u, 2u * part) + to;
+        STORE(dst, (at.y * (dst_width / 2u) + at.x) * dst_stride + channel, value);
+    }
+}
+
+void main() {
+    uint slot = group_index() * TILES + own_tile;
+    uint count = tiles_of(tile_count, flags, tiles);
+    if (group_index() * TILES >= count) return;                                      // whole groups only
+    bool live = slot < count;
+    uvec2 origin = tile_origin(min(slot, count - 1u), first_tile, flags, tiles);
+    uint rows = own_tile * COPIES * COPY;
+    uint inputs = 4u * src_channels;
+    bool computes = live && own_outputs * (OUTPUTS / 4u) < dst_channels;
+    Halves matrix = Halves(weights);
+    uint at = bias_vectors * 8u + own_outputs * 9u * inputs * OUTPUTS;
+
+    clear_sums();
+    for (uint first = 0u; first < inputs; first += INPUTS) {
+        for (uint kx = 0u; kx < 3u; kx += COPIES) {
+            barrier();
+            stage(rows, origin, first / 8u, kx);
+            barrier();
+            if (!computes) continue;
+            for (uint copy = 0u; copy < COPIES; ++copy) {
+                uint tap = kx + copy;
+                multiply_column(rows + copy * COPY, matrix, at + (tap * inputs + first) * OUTPUTS, 3u * inputs * OUTPUTS);
+            }
+        }
+    }
+    if ((EPILOGUE & FLAG_UNSHUFFLE) == 0u) {
+        FINISH_SUMS(store_result)
+        return;
+    }
+    [[unroll]] for (uint part = 0u; part < TOKENS / SUMS_TOKENS; ++part) {
+        stage_sums(part);
+        if (live) finish_unshuffled(part, origin);
+    }
 }

@@ -1,19 +1,23 @@
-// Pointwise (1x1) convolution of one or two concatenated maps on cooperative matrices: act(film(W [a|b] + bias) + residual), the
-// factors rounded to halves, the sums in 32-bit floats.
+// Pointwise (1x1) convolution of one or two concatenated maps of halves on cooperative matrices:
+// act(film(W [a|b] + bias) + residual), the sums in 32-bit floats.
+//
+// NORM: every token of the one map is brought to mean 0 and variance 1 over its channels first; gain and bias are in the weights.
 #version 460
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"
 #define EPILOGUE_ID 4         // after those of matrix.glsl
 #include "shared/epilogue.glsl"
 #include "shared/matrix.glsl"
+layout(constant_id = 5) const uint TILES = 4;   // of a workgroup: 1, 2 or 4
+layout(constant_id = 6) const uint INPUTS = 32; // staged at a time, a divisor of all; with NORM all of them
 
 layout(push_constant) uniform Push {
     Source src;
     Source src_b;         // read where src_b_channels is not 0
     Target dst;
-    Weights weights;      // [bias | packed weights]
+    Weights weights;      // [bias | halves, packed]
     Weights film;         // [gamma | beta] with FLAG_FILM
-    Source residual;      // with FLAG_RESIDUAL
+    Residual residual;    // with FLAG_RESIDUAL
     TileList tiles;       // with FLAG_TILE_LIST
     uint src_stride;      // strides and channel counts in vectors of four
     uint src_channels;
@@ -29,18 +33,63 @@ layout(push_constant) uniform Push {
     uint flags;
 };
 
-const uint INPUTS = 32u;                        // staged at a time
-const uint INPUTS_STRIDE = INPUTS / 8u + 1u;
-const uint WEIGHTS_AT = 4u * 64u * INPUTS_STRIDE;
-const uint STAGED = WEIGHTS_AT + INPUTS * 5u;
+const uint VECTORS = INPUTS / 8u;               // of eight halves
+const uint STRIDE = VECTORS + 1u;
+const uint STAGED_INPUTS = TILES * 64u * STRIDE;
 #include "shared/matrix_dense.glsl"
 
-// Vector `k` of a token's inputs, [src | src_b]; zeros beyond them.
-vec4 input_vector(uint pixel, uint k) {
-    if (k < src_channels) return LOAD(src, pixel * src_stride + k);
-    k -= src_channels;
-    return k < src_b_channels ? LOAD(src_b, pixel * src_b_stride + k) : vec4(0.0);
+#ifdef NORM
+#extension GL_KHR_shader_subgroup_shuffle : require
+#include "shared/norm.glsl"
+const uint SHARE = VECTORS < 4u ? VECTORS : 4u; // invocations that share a token, a power of two
+const uint EACH = VECTORS / SHARE;
+
+// The sum over the invocations that share a token, the same bits in each.
+vec4 share_sum(vec4 sum) {
+    if (SHARE > 1u) sum += subgroupShuffleXor(sum, 1u);
+    if (SHARE > 2u) sum += subgroupShuffleXor(sum, 2u);
+    return sum;
 }
+
+void stage_normed(uint rows, uvec2 origin) {
+    Vectors from = Vectors(src);
+    uint part = tile_lane % SHARE;
+    for (uint token = tile_lane / SHARE; token < TOKENS; token += TILE_LANES / SHARE) {
+        uint pixel = (origin.y + token / 8u) * width + origin.x + token % 8u;
+        vec4 low[EACH], high[EACH];
+        vec4 sum = vec4(0.0);
+        [[unroll]] for (uint i = 0u; i < EACH; ++i) {
+            unpack_halves(from.v[pixel * (src_stride / 2u) + i * SHARE + part], low[i], high[i]);
+            sum += low[i] + high[i];
+        }
+        float mean = mean_of(share_sum(sum), src_channels);
+        vec4 squares = vec4(0.0);
+        [[unroll]] for (uint i = 0u; i < EACH; ++i) {
+            low[i] -= mean;
+            high[i] -= mean;
+            squares += low[i] * low[i] + high[i] * high[i];
+        }
+        float scale = scale_of(share_sum(squares), src_channels);
+        [[unroll]] for (uint i = 0u; i < EACH; ++i) {
+            staged[rows + token * STRIDE + i * SHARE + part] = pack_halves(low[i] * scale, high[i] * scale);
+        }
+    }
+}
+#else
+void stage(uint rows, uvec2 origin, uint first) {
+    Vectors from = Vectors(src), from_b = Vectors(src_b);
+    for (uint i = tile_lane; i < TOKENS * VECTORS; i += TILE_LANES) {
+        uint token = i / VECTORS, part = i % VECTORS;
+        uint pixel = (origin.y + token / 8u) * width + origin.x + token % 8u;
+        uint k = first + part;
+        uint k_b = k - src_channels / 2u;
+        uvec4 halves = uvec4(0u);
+        if (k < src_channels / 2u) halves = from.v[pixel * (src_stride / 2u) + k];
+        else if (k_b < src_b_channels / 2u) halves = from_b.v[pixel * (src_b_stride / 2u) + k_b];
+        staged[rows + token * STRIDE + part] = halves;
+    }
+}
+#endif
 
 void finish(uvec2 at, uint channel, vec4 value) {
     uint pixel = at.y * width + at.x;
@@ -50,31 +99,29 @@ void finish(uvec2 at, uint channel, vec4 value) {
 }
 
 void main() {
-    uint slot = group_index() * SUBGROUPS + gl_SubgroupID;
+    uint slot = group_index() * TILES + own_tile;
     uint count = tiles_of(tile_count, flags, tiles);
-    if (count == 0u) return;
+    if (group_index() * TILES >= count) return;                                      // whole groups only
     bool live = slot < count;
     uvec2 origin = tile_origin(min(slot, count - 1u), first_tile, flags, tiles);
-    uint rows = gl_SubgroupID * TOKENS * INPUTS_STRIDE;
-    uint inputs = src_channels + src_b_channels;
-    uint first_weight = bias_vectors + gl_WorkGroupID.y * inputs * OUTPUTS;
+    uint rows = own_tile * TOKENS * STRIDE;
+    uint inputs = (4u * (src_channels + src_b_channels) + INPUTS - 1u) / INPUTS * INPUTS;
+    bool computes = live && own_outputs * (OUTPUTS / 4u) < dst_channels;
+    Halves matrix = Halves(weights);
+    uint at = bias_vectors * 8u + own_outputs * inputs * OUTPUTS;
 
     clear_sums();
-    for (uint first = 0u; first < inputs; first += INPUTS / 4u) {
+#ifdef NORM
+    stage_normed(rows, origin);
+    barrier();
+    if (computes) multiply_add(rows, STRIDE, matrix, at, INPUTS);
+#else
+    for (uint first = 0u; first < inputs; first += INPUTS) {
         barrier();
-        for (uint i = gl_SubgroupInvocationID; i < TOKENS * INPUTS / 8u; i += LANES) {
-            uint token = i / (INPUTS / 8u), part = i % (INPUTS / 8u);
-            uint pixel = (origin.y + token / 8u) * width + origin.x + token % 8u;
-            uint k = first + 2u * part;
-            staged[rows + token * INPUTS_STRIDE + part] = to_halves(input_vector(pixel, k), input_vector(pixel, k + 1u));
-        }
-        for (uint i = gl_LocalInvocationID.x; i < INPUTS * OUTPUTS / 8u; i += INVOCATIONS) {
-            uint row = i / (OUTPUTS / 8u), part = i % (OUTPUTS / 8u);
-            uint k = 4u * first + row;
-            STAGE_WEIGHTS(WEIGHTS_AT, row, part, first_weight + k * (OUTPUTS / 4u), k < 4u * inputs)
-        }
+        stage(rows, origin, first / 8u);
         barrier();
-        multiply_add(rows, INPUTS_STRIDE, WEIGHTS_AT, INPUTS);
+        if (computes) multiply_add(rows, STRIDE, matrix, at + first * OUTPUTS, INPUTS);
     }
+#endif
     FINISH_SUMS(finish)
 }

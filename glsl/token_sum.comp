@@ -1,11 +1,12 @@
-// Sums of runs of tokens, four channels an invocation. Only tokens that hold pixels of the unpadded frame count; where quiet squares
+// Sums of runs of tokens, one workgroup a run: its invocations take four channels each of every n-th token, and their sums are added in
+// a fixed order. Only tokens that hold pixels of the unpadded frame count; where quiet squares
 // are left out, those of denoised squares, and in sums of their own those of the quiet squares that stand for the others.
 #version 460
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"
 #include "shared/quiet.glsl"
 
-layout(local_size_x = 64) in;
+layout(local_size_x = 256) in;
 
 layout(buffer_reference, std430, buffer_reference_align = 16) writeonly buffer Sums { vec4 v[]; };
 
@@ -28,54 +29,58 @@ layout(push_constant) uniform Push {
     uint unused;
 };
 
-void add(inout vec4 sum, uint token, uint tokens, uint channel) {
-    for (uint i = 0u; i < tokens; ++i) sum += LOAD(src, (token + i) * src_stride + channel);
-}
+const uint LANES = 256u;
+shared vec4 sums_of[LANES];
+shared vec4 sampled_sums_of[LANES];
+shared uint denoised_of[LANES];
+shared uint sampled_of[LANES];
 
 void main() {
-    uint index = group_index() * 64u + gl_LocalInvocationID.x;
-    if (index >= sums * channels) return;
-    uint channel = index % channels;
-    uint token = index / channels * tokens_per_sum;
-    uint end = min(token + tokens_per_sum, real_tokens);
-    uint x = token % real_width;
-    uint y = token / real_width;
-    uint side = max(MAP_TILE / token_pixels, 1u);
+    uint lane = gl_LocalInvocationID.x;
+    uint run = group_index();
+    uint ways = LANES / channels;
+    uint channel = lane % channels;
+    uint way = lane / channels;
+    uint end = min((run + 1u) * tokens_per_sum, real_tokens);
     vec4 sum = vec4(0.0);
     vec4 sampled_sum = vec4(0.0);
     uint denoised_tokens = 0u;
     uint sampled_tokens = 0u;
-    while (token < end) {
-        // Of one row, and with a map of one square.
-        uint tokens = min(end - token, real_width - x);
+    for (uint token = run * tokens_per_sum + way; way < ways && token < end; token += ways) {
+        uvec2 at = uvec2(token % real_width, token / real_width);
         bool denoised = true;
         bool sampled = false;
         if (map_columns > 0u) {
-            tokens = min(tokens, side - x % side);
-            uvec2 square = uvec2(x, y) * token_pixels / MAP_TILE;
+            uvec2 square = at * token_pixels / MAP_TILE;
             denoised = map.v[square.y * map_columns + square.x] != 0u;
             sampled = !denoised && is_sampled(square, pitch, skew);
         }
-        if (denoised) {
-            add(sum, y * width + x, tokens, channel);
-            denoised_tokens += tokens;
-        } else if (sampled) {
-            add(sampled_sum, y * width + x, tokens, channel);
-            sampled_tokens += tokens;
-        }
-        token += tokens;
-        x += tokens;
-        if (x == real_width) {
-            x = 0u;
-            ++y;
-        }
+        if (!denoised && !sampled) continue;
+        vec4 value = LOAD(src, (at.y * width + at.x) * src_stride + channel);
+        if (denoised) sum += value;
+        else sampled_sum += value;
+        denoised_tokens += denoised ? 1u : 0u;
+        sampled_tokens += sampled ? 1u : 0u;
     }
+    sums_of[lane] = sum;
+    sampled_sums_of[lane] = sampled_sum;
+    denoised_of[lane] = denoised_tokens;
+    sampled_of[lane] = sampled_tokens;
+    barrier();
+    if (way > 0u) return;
+    for (uint other = channels + channel; other < ways * channels; other += channels) {
+        sum += sums_of[other];
+        sampled_sum += sampled_sums_of[other];
+        denoised_tokens += denoised_of[other];
+        sampled_tokens += sampled_of[other];
+    }
+    uint index = run * channels + channel;
     dst.v[index] = sum;
     if (map_columns > 0u) {
         dst.v[sums * channels + index] = sampled_sum;
         if (channel == 0u) {
-            counts.v[2u * (index / channels)] = denoised_tokens;
-            counts.v[2u * (index / channels) + 1u] = sampled_tokens;
+            counts.v[2u * run] = denoised_tokens;
+            counts.v[2u * run + 1u] = sampled_tokens;
         }
     }
 }

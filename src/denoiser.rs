@@ -4,7 +4,7 @@ use crate::engine::{self, Engine};
 use crate::error::{Error, Result};
 use crate::frame::{Extent, Features, Frame, PlaneMut, Region, check_in_place};
 use crate::host::HostPass;
-use crate::kernels::Storage;
+use crate::kernels::{Arithmetic, Storage};
 use crate::memory::MemoryRequired;
 use crate::net::Folds;
 use crate::net::weights::Weights;
@@ -32,8 +32,8 @@ pub enum Precision {
     F32,
     /// Feature maps stored as halves, for half of the memory; arithmetic, log colour and residual are 32-bit floats.
     F16,
-    /// Dense convolutions on cooperative matrices ([`Device::has_matrices`]): their inputs and weights are rounded to halves,
-    /// their sums and everything else are 32-bit floats.
+    /// Feature maps stored as halves, and what is dense on cooperative matrices ([`Device::has_matrices`]): products of halves,
+    /// summed in 32-bit floats, as are all other operations. What GPUs with matrices take by themselves.
     Matrix,
 }
 
@@ -207,7 +207,6 @@ impl Denoiser {
         options.quiet.map_or(Ok(()), |quiet| quiet.check())?;
         let mut engine = Engine::new(device, weights, options, table)?;
         engine.cpu = cpu;
-        engine.matrix = engine::wants_matrices(device, options.precision)?;
         Ok(Self { engine: Arc::new(engine), options: frame, profiling: false, host: None })
     }
 
@@ -271,10 +270,11 @@ impl Denoiser {
 
     /// The precision in use, never [`Precision::Auto`].
     pub fn precision(&self) -> Precision {
-        match (self.engine.matrix, self.engine.plan_options.storage) {
-            (true, _) => Precision::Matrix,
-            (false, Storage::F32) => Precision::F32,
-            (false, Storage::F16) => Precision::F16,
+        let options = &self.engine.plan_options;
+        match (options.arithmetic, options.storage) {
+            (Arithmetic::Matrices, _) => Precision::Matrix,
+            (Arithmetic::Floats, Storage::F32) => Precision::F32,
+            (Arithmetic::Floats, Storage::F16) => Precision::F16,
         }
     }
 

@@ -5,13 +5,13 @@ use crate::error::{Error, Result};
 use crate::frame::Extent;
 use crate::kernels::contract::Need;
 use crate::kernels::winograd::WinogradTile;
-use crate::kernels::{Storage, Variants};
+use crate::kernels::{Arithmetic, Storage, Variants};
 use crate::memory;
 use crate::net::Folds;
 use crate::net::graph::Graph;
 use crate::net::weights::{ExposureRule, Weights, WeightsError};
 use crate::pipelines::Pipelines;
-use crate::plan::{ConvAlgorithm, ConvTable, Place, Plan, PlanOptions, SeparableForm, max_chain_bytes, plan};
+use crate::plan::{ConvAlgorithm, ConvTable, Place, Plan, PlanOptions, SeparableForm, plan};
 use crate::vk::caps::{DeviceKind, TEXEL_BYTES};
 use crate::vk::device::Device;
 use crate::vk::memory::Buffer;
@@ -33,26 +33,24 @@ pub(crate) struct Engine {
     pub memory_budget: Option<u64>,
     /// Whether kernels shaped for CPU drivers run.
     pub cpu: bool,
-    /// Whether dense kernels run on cooperative matrices.
-    pub matrix: bool,
 }
 
 impl Engine {
     /// `conv_table` has the forms of convolutions that were measured.
     pub fn new(device: &Device, weights: &Weights, options: &Options, conv_table: ConvTable) -> Result<Self> {
+        let arithmetic = wanted_arithmetic(device, options.precision)?;
         let storage = wanted_storage(device, options.precision)?;
-        let forms = Forms::of(device, wants_matrices(device, options.precision)?);
+        let suitable = suitable(device, storage, arithmetic);
         let plan_options = PlanOptions {
             max_block_bytes: Self::max_block_bytes(device),
-            folds: options.folds.unwrap_or(forms.folds),
-            conv: options.conv.unwrap_or(forms.conv),
+            folds: options.folds.unwrap_or(suitable.folds),
+            conv: options.conv.unwrap_or(suitable.conv),
             conv_table,
-            separable: options.separable.unwrap_or(forms.separable),
-            max_chain_bytes: options.max_chain_bytes.unwrap_or(max_chain_bytes(storage)),
+            separable: options.separable.unwrap_or(suitable.separable),
+            max_chain_bytes: options.max_chain_bytes.unwrap_or(suitable.max_chain_bytes),
             keep_features: options.keep_features,
             quiet: options.quiet.map(|quiet| quiet.mode),
-            storage,
-            ..PlanOptions::default()
+            ..suitable
         };
         let graph = Graph::new(weights.arch()).map_err(WeightsError::from)?;
         // The packing is the same at every size.
@@ -80,7 +78,6 @@ impl Engine {
             quiet_threshold: 0.0,
             memory_budget: None,
             cpu: prefers_cpu_kernels(device),
-            matrix: false,
         })
     }
 
@@ -105,29 +102,20 @@ impl Engine {
 
     /// The kernels that this device prefers, for a frame in buffers.
     pub fn variants(&self) -> Variants {
-        Variants { cpu: self.cpu, matrix: self.matrix, images: false, output_half: false }
+        Variants { cpu: self.cpu, images: false, output_half: false }
     }
 }
 
 /// The forms and folds that suit a device, as far as devices were measured (`docs/performance.md`).
-struct Forms {
-    conv: ConvAlgorithm,
-    separable: SeparableForm,
-    folds: Folds,
-}
-
-impl Forms {
-    fn of(device: &Device, matrix: bool) -> Self {
-        if matrix || !prefers_cpu_kernels(device) {
-            // No kernel of a GPU holds all channels of a token, and a norm would be found anew for every 32 outputs.
-            let (conv, separable) = (ConvAlgorithm::Direct, SeparableForm::TwoKernels);
-            return Self { conv, separable, folds: Folds::EVERYWHERE };
-        }
-        // On lavapipe of Mesa 22.3 Winograd's filtering is faster in every convolution of the network, on that of 25.0 in none.
-        let old = device.caps().lavapipe.is_some_and(|mesa| mesa < 23);
-        let conv = if old { ConvAlgorithm::Winograd(WinogradTile::F2) } else { ConvAlgorithm::Direct };
-        Self { conv, separable: SeparableForm::Narrow, folds: Folds::ALL }
+fn suitable(device: &Device, storage: Storage, arithmetic: Arithmetic) -> PlanOptions {
+    let for_gpu = PlanOptions::for_gpu(storage, arithmetic);
+    if arithmetic == Arithmetic::Matrices || !prefers_cpu_kernels(device) {
+        return for_gpu;
     }
+    // On lavapipe of Mesa 22.3 Winograd's filtering is faster in every convolution of the network, on that of 25.0 in none.
+    let old = device.caps().lavapipe.is_some_and(|mesa| mesa < 23);
+    let conv = if old { ConvAlgorithm::Winograd(WinogradTile::F2) } else { ConvAlgorithm::Direct };
+    PlanOptions { conv, separable: SeparableForm::Narrow, folds: Folds::ALL, ..for_gpu }
 }
 
 /// On CPU drivers a load costs more than the arithmetic it feeds (measured on lavapipe).
@@ -142,32 +130,35 @@ pub(crate) fn prefers_cpu_kernels(device: &Device) -> bool {
 pub(crate) fn wanted_storage(device: &Device, precision: Precision) -> Result<Storage> {
     let has_halves = device.caps().meets(Need::Storage16);
     match precision {
-        Precision::F32 | Precision::Matrix => Ok(Storage::F32),
+        Precision::F32 => Ok(Storage::F32),
+        // Devices have no matrices without.
+        Precision::Matrix => Ok(Storage::F16),
         Precision::F16 if has_halves => Ok(Storage::F16),
         Precision::F16 => {
             Err(Error::Unsupported { device: device.info().name.clone(), missing: Need::Storage16.to_string() })
         }
-        // A CPU would gain time too (docs/performance.md), and stays exact instead. The kernels on matrices store 32-bit floats.
+        // A CPU would gain time too (docs/performance.md), and stays exact instead.
         Precision::Auto => {
-            let gains = device.caps().kind != DeviceKind::Cpu && !wants_matrices(device, precision)?;
+            let gains = device.caps().kind != DeviceKind::Cpu;
             Ok(if gains && has_halves { Storage::F16 } else { Storage::F32 })
         }
     }
 }
 
-/// Whether dense kernels are to run on cooperative matrices.
+/// What dense kernels are to compute with.
 ///
 /// # Errors
 /// [`Error::Unsupported`] where they are asked for and the device has none.
-pub(crate) fn wants_matrices(device: &Device, precision: Precision) -> Result<bool> {
+pub(crate) fn wanted_arithmetic(device: &Device, precision: Precision) -> Result<Arithmetic> {
     match precision {
-        Precision::F32 | Precision::F16 => Ok(false),
-        Precision::Matrix if device.has_matrices() => Ok(true),
+        Precision::F32 | Precision::F16 => Ok(Arithmetic::Floats),
+        Precision::Matrix if device.has_matrices() => Ok(Arithmetic::Matrices),
         Precision::Matrix => {
             Err(Error::Unsupported { device: device.info().name.clone(), missing: Need::Matrix.to_string() })
         }
         // On a CPU they only take longer.
-        Precision::Auto => Ok(device.has_matrices() && device.caps().kind != DeviceKind::Cpu),
+        Precision::Auto if device.has_matrices() && device.caps().kind != DeviceKind::Cpu => Ok(Arithmetic::Matrices),
+        Precision::Auto => Ok(Arithmetic::Floats),
     }
 }
 
@@ -178,10 +169,9 @@ fn upload(device: &Device, plan: &Plan, weights: &Weights) -> Result<Buffer> {
     bytes.fill(0);
     for planned in &plan.buffers {
         if let Place::Weights { pack, offset } = &planned.place {
-            let mut packed = vec![0.0; pack.len()];
-            pack.write(weights, &mut packed)?;
+            let words = pack.words(weights)?;
             let start = *offset as usize;
-            bytes[start..start + 4 * packed.len()].copy_from_slice(bytemuck::cast_slice(&packed));
+            bytes[start..start + 4 * words.len()].copy_from_slice(bytemuck::cast_slice(&words));
         }
     }
     Ok(buffer)

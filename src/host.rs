@@ -6,11 +6,12 @@ use crate::error::{Error, Result};
 use crate::frame::{Extent, Features, Layout, Noise, PlaneMut, Region};
 use crate::kernels::quiet::NoiseKind;
 use crate::kernels::stats::{EXPOSURE, STATS_FLOATS};
-use crate::memory::{MemoryRequired, OUTPUT_FLOATS, input_bytes, output_bytes};
+use crate::memory::{MemoryRequired, input_bytes, output_bytes, plane_bytes};
 use crate::pass::{Binding, FrameOptions, Pass};
 use crate::plan::active::{ActiveTiles, Work};
 use crate::profile::{KernelRecord, Profiler};
 use crate::renderer::{BufferFrame, BufferPlane, SampleFormat};
+use crate::vk::caps::DeviceKind;
 use crate::vk::memory::Buffer;
 use crate::vk::submit::{Submission, barrier};
 use ash::vk;
@@ -42,6 +43,8 @@ pub(crate) struct HostPass {
     input: Buffer,
     /// The denoised plane, then the frame's statistics.
     output: Buffer,
+    /// The planes that kernels read and write, where those are slow in memory that the host sees: copied by the device.
+    in_device: Option<[Buffer; 2]>,
     engine: Arc<Engine>,
 }
 
@@ -56,7 +59,17 @@ impl HostPass {
         let plan = engine.plan(extent)?;
         engine.check_memory(extent, MemoryRequired::of_plan(&plan).host())?;
         let (input, output) = (input_bytes(&plan), output_bytes(&plan));
+        let in_device = match device.caps().kind {
+            DeviceKind::DiscreteGpu | DeviceKind::VirtualGpu => {
+                let planes = [("input planes in the device", input), ("output plane in the device", plane_bytes(extent))];
+                let [input, output] =
+                    planes.map(|(name, bytes)| Buffer::new(device, name, bytes, MemoryLocation::GpuOnly));
+                Some([input?, output?])
+            }
+            _ => None,
+        };
         Ok(Self {
+            in_device,
             pass: Pass::of_plan(engine, plan)?,
             input: Buffer::new(device, "input planes", input, MemoryLocation::CpuToGpu)?,
             output: Buffer::new(device, "output plane", output, MemoryLocation::GpuToCpu)?,
@@ -104,7 +117,6 @@ impl HostPass {
         profile: bool,
         started: Instant,
     ) -> Result<Report> {
-        let pixels = self.extent().pixels() as usize;
         let there = if options.features_unchanged { self.kept_features()? } else { self.stage(features) };
         let present = (there, self.stage_noise(features));
         if self.recorded != Some((present, *options, profile)) {
@@ -117,7 +129,7 @@ impl HostPass {
         if let Some(profiler) = self.profiler.as_ref().filter(|_| profile) {
             self.records = profiler.read(0)?.unwrap_or_default();
         }
-        let told = &self.output.bytes()[4 * OUTPUT_FLOATS as usize * pixels..];
+        let told = &self.output.bytes()[plane_bytes(self.extent()) as usize..];
         let (stats, told) = told.split_at(4 * STATS_FLOATS as usize);
         self.active = self.pass.active_tiles(bytemuck::cast_slice(told));
         if let Some(active) = &self.active {
@@ -184,14 +196,15 @@ impl HostPass {
             layout: Layout { offset: (first * extent.pixels()) as usize, ..Layout::interleaved(extent, channels) },
         };
         let input_bytes = input_bytes(self.pass.plan());
-        let input = |first, channels| plane(&self.input, input_bytes, first, channels);
+        let [from, to] = self.in_device.as_ref().map_or([&self.input, &self.output], |[input, output]| [input, output]);
+        let input = |first, channels| plane(from, input_bytes, first, channels);
         let frame = BufferFrame {
             color: input(0, 3),
             albedo: albedo.then(|| input(3, 3)),
             normal: normal.then(|| input(6, 3)),
             depth: depth.then(|| input(9, 1)),
             noise: noise.map(|kind| Noise { plane: input(10, 1), kind }),
-            output: plane(&self.output, extent.pixels() * OUTPUT_FLOATS * 4, 0, 3),
+            output: plane(to, plane_bytes(extent), 0, 3),
         };
         // SAFETY: the buffers are our own and as described.
         unsafe { self.pass.bind_buffers(&frame) }
@@ -207,15 +220,17 @@ impl HostPass {
         };
         self.recorded = None;
         self.work = Some(self.pass.work_of(&bound, options)?);
-        let mut dst_offset = self.extent().pixels() * OUTPUT_FLOATS * 4;
+        let mut dst_offset = plane_bytes(self.extent());
         let copies = self.pass.plan().read_back().into_iter().map(|id| {
             let (buffer, src_offset, size) = self.pass.location(id);
             let copy = vk::BufferCopy { src_offset, dst_offset, size };
             dst_offset += size;
             (buffer, copy)
         });
-        let copies: Vec<_> = copies.collect();
-        let Self { submission, pass, output, engine, profiler, .. } = self;
+        let mut copies: Vec<_> = copies.collect();
+        let whole = |size| vk::BufferCopy { src_offset: 0, dst_offset: 0, size };
+        copies.extend(self.in_device.as_ref().map(|[_, plane]| (plane.raw(), whole(plane.size()))));
+        let Self { submission, pass, input, output, in_device, engine, profiler, .. } = self;
         let profiled = profiler.as_ref().filter(|_| profile).map(|profiler| (profiler, 0));
         let device = &engine.device;
         let compute = (vk::PipelineStageFlags::COMPUTE_SHADER, vk::AccessFlags::SHADER_WRITE);
@@ -225,21 +240,28 @@ impl HostPass {
             vk::AccessFlags::SHADER_WRITE | vk::AccessFlags::TRANSFER_WRITE,
         );
         let host = (vk::PipelineStageFlags::HOST, vk::AccessFlags::HOST_READ);
-        submission.record(|commands| {
-            // SAFETY: the command buffer is recording and ours; everything bound and copied lives in `self`, and
-            // `Submission::run` waits.
-            unsafe {
+        let copied = (vk::PipelineStageFlags::TRANSFER, vk::AccessFlags::TRANSFER_WRITE);
+        let read = (vk::PipelineStageFlags::COMPUTE_SHADER, vk::AccessFlags::SHADER_READ);
+        // SAFETY, of all three: the command buffer is recording and ours; everything bound and copied lives in `self`, and
+        // `Submission::run` waits.
+        submission.record_between(
+            |commands| unsafe {
                 // The last run's copies of what is read back, before this run overwrites them.
                 barrier(device, commands, transfer, compute);
-                pass.record_with(commands, &bound, options, profiled)?;
+                if let Some([planes, _]) = in_device {
+                    device.raw().cmd_copy_buffer(commands, input.raw(), planes.raw(), &[whole(planes.size())]);
+                    barrier(device, commands, copied, read);
+                }
+            },
+            |commands| unsafe { pass.record_with(commands, &bound, options, profiled) },
+            |commands| unsafe {
                 barrier(device, commands, compute, transfer);
                 for (buffer, copy) in copies {
                     device.raw().cmd_copy_buffer(commands, buffer, output.raw(), &[copy]);
                 }
                 barrier(device, commands, written, host);
-            }
-            Ok(())
-        })?;
+            },
+        )?;
         self.binding = Some((present, bound));
         self.recorded = Some((present, *options, profile));
         Ok(())

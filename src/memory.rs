@@ -8,7 +8,7 @@ use crate::plan::Plan;
 /// are left out, one more for noise.
 const INPUT_FLOATS: u64 = 10;
 /// Floats of a pixel that come back.
-pub(crate) const OUTPUT_FLOATS: u64 = 3;
+const OUTPUT_FLOATS: u64 = 3;
 
 /// Device memory that a frame size takes, in bytes. The caller's own planes are apart.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -45,10 +45,15 @@ pub(crate) fn input_bytes(plan: &Plan) -> u64 {
     plan.extent.pixels() * (INPUT_FLOATS + u64::from(plan.quiet.is_some())) * 4
 }
 
+/// The denoised plane.
+pub(crate) fn plane_bytes(extent: Extent) -> u64 {
+    extent.pixels() * OUTPUT_FLOATS * 4
+}
+
 /// The denoised plane, then what is read back of the plan.
 pub(crate) fn output_bytes(plan: &Plan) -> u64 {
     let read_back = plan.read_back().into_iter().map(|id| plan.buffer(id).bytes);
-    plan.extent.pixels() * OUTPUT_FLOATS * 4 + read_back.sum::<u64>()
+    plane_bytes(plan.extent) + read_back.sum::<u64>()
 }
 
 /// Refuses a frame that takes more than the budget or than the device has.

@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::kernels::Variants;
-use crate::kernels::contract::{Contract, Epilogue};
+use crate::kernels::contract::{Contract, Specialisation};
 use crate::parallel;
 use crate::plan::Dispatch;
 use crate::vk::device::Device;
@@ -15,7 +15,7 @@ use std::time::Instant;
 type Made = HashMap<Specialised, Arc<Pipeline>>;
 
 /// A variant's name, and what its pipeline is specialised for.
-type Specialised = (&'static str, Epilogue);
+type Specialised = (&'static str, Specialisation);
 
 /// The pipelines of a device, made when first asked for and kept.
 pub(crate) struct Pipelines {
@@ -28,12 +28,12 @@ impl Pipelines {
         Self { device: device.clone(), made: Mutex::default() }
     }
 
-    /// The pipeline of a kernel variant without an epilogue.
+    /// The pipeline of a kernel variant that is specialised for nothing.
     ///
     /// # Errors
     /// As [`Pipelines::for_dispatches`].
     pub fn get(&self, contract: &'static Contract) -> Result<Arc<Pipeline>> {
-        Ok(self.of(&[(contract, Epilogue::default())])?.swap_remove(0))
+        Ok(self.of(&[(contract, Specialisation::default())])?.swap_remove(0))
     }
 
     /// One pipeline for each dispatch, in order. Those that are not there yet are made side by side: a driver compiles each on
@@ -43,7 +43,7 @@ impl Pipelines {
     /// [`Error::Unsupported`] where the device lacks what a variant needs; [`Error::Vulkan`].
     pub fn for_dispatches(&self, dispatches: &[Dispatch], variants: Variants) -> Result<Vec<Arc<Pipeline>>> {
         let kernels = dispatches.iter().map(|dispatch| dispatch.call.kernel());
-        let wanted: Vec<_> = kernels.map(|kernel| (kernel.contract(variants), kernel.epilogue())).collect();
+        let wanted: Vec<_> = kernels.map(|kernel| (kernel.contract(variants), kernel.specialisation())).collect();
         self.of(&wanted)
     }
 
@@ -51,14 +51,14 @@ impl Pipelines {
     pub fn statistics(&self) -> Result<Vec<PipelineStatistic>> {
         let made = self.made();
         let sorted: BTreeMap<_, _> = made.iter().collect();
-        let of_each = sorted.into_iter().map(|((variant, epilogue), pipeline)| {
-            of_pipeline(&self.device, &format!("{variant}{epilogue}"), pipeline)
+        let of_each = sorted.into_iter().map(|((variant, special), pipeline)| {
+            of_pipeline(&self.device, &format!("{variant}{special}"), pipeline)
         });
         Ok(of_each.collect::<Result<Vec<_>>>()?.concat())
     }
 
-    fn of(&self, wanted: &[(&'static Contract, Epilogue)]) -> Result<Vec<Arc<Pipeline>>> {
-        let key = |(contract, epilogue): &(&'static Contract, Epilogue)| (contract.name, *epilogue);
+    fn of(&self, wanted: &[(&'static Contract, Specialisation)]) -> Result<Vec<Arc<Pipeline>>> {
+        let key = |(contract, special): &(&'static Contract, Specialisation)| (contract.name, *special);
         let made = self.made();
         let missing: BTreeMap<Specialised, _> =
             wanted.iter().filter(|one| !made.contains_key(&key(one))).map(|one| (key(one), *one)).collect();
@@ -67,7 +67,7 @@ impl Pipelines {
             let missing: Vec<_> = missing.into_values().collect();
             missing.iter().try_for_each(|(contract, _)| self.check(contract))?;
             let started = Instant::now();
-            let new = parallel::map(&missing, |(contract, epilogue)| Pipeline::new(&self.device, contract, *epilogue));
+            let new = parallel::map(&missing, |(contract, special)| Pipeline::new(&self.device, contract, *special));
             for (one, pipeline) in missing.iter().zip(new) {
                 let pipeline = Arc::new(pipeline?);
                 // Another thread may have been faster.

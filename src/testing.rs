@@ -54,7 +54,7 @@ impl Bench {
 
     /// The variants that the engine would take on the device.
     pub fn default_variants(device: &Device) -> Variants {
-        Variants { cpu: engine::prefers_cpu_kernels(device), matrix: false, images: false, output_half: false }
+        Variants { cpu: engine::prefers_cpu_kernels(device), images: false, output_half: false }
     }
 
     /// Whether the variants for CPU drivers run on the device.

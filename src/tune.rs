@@ -5,7 +5,7 @@
 
 use crate::cache::hash;
 use crate::denoiser::{Denoiser, Options};
-use crate::engine::{prefers_cpu_kernels, wanted_storage, wants_matrices};
+use crate::engine::{prefers_cpu_kernels, wanted_arithmetic, wanted_storage};
 use crate::error::{Error, Result};
 use crate::frame::{Extent, Features, Frame, Layout, Plane, PlaneMut};
 use crate::kernels::winograd::WinogradTile;
@@ -41,7 +41,7 @@ pub(crate) fn conv_table(device: &Device, weights: &Weights, options: &Options, 
 /// What is chosen for which form of which network, and for which frames.
 fn what(device: &Device, weights: &Weights, options: &Options, extent: Extent) -> Result<String> {
     let storage = wanted_storage(device, options.precision)?;
-    let kernels = (prefers_cpu_kernels(device), wants_matrices(device, options.precision)?);
+    let kernels = (prefers_cpu_kernels(device), wanted_arithmetic(device, options.precision)?);
     let model = format!("{:?} {storage:?} {kernels:?} {:?} {:?}", weights.arch(), options.folds, options.separable);
     Ok(format!("convolutions-{:016x}-{}", hash(model.as_bytes()), extent.pixels().ilog2()))
 }

@@ -5,10 +5,11 @@ mod budget;
 mod common;
 
 use budget::{measure, residual, table};
-use common::case::{MATRIX_LIMIT, variants};
+use common::case::{MATRIX_LIMIT, PORTABLE, variants};
 use common::device::{assert_no_validation_messages, device};
 use vkdenoise::exr_io::{ExrFrame, LayerOptions};
 use vkdenoise::kernels::winograd::WinogradTile;
+use vkdenoise::kernels::{Arithmetic, Storage};
 use vkdenoise::net::Graph;
 use vkdenoise::plan::{ConvAlgorithm, PlanOptions, plan};
 use vkdenoise::reference::Reference;
@@ -17,7 +18,8 @@ use vkdenoise::{Denoiser, Extent, Frame, Layout, Options, PlaneMut, Precision, W
 
 /// What the network's residual may be wrong by: NMSE.
 const RESIDUAL_LIMIT: f64 = 1e-9;
-/// The same on matrices: what one kernel may be wrong by, for each of the seventy that follow one another in the Hybrid.
+/// The same of maps of halves on matrices: what a kernel may be wrong by, for each of the seventy that follow one another in the
+/// Hybrid.
 const MATRIX_RESIDUAL_LIMIT: f64 = 70.0 * MATRIX_LIMIT;
 
 #[test]
@@ -32,11 +34,14 @@ fn every_algorithm_keeps_its_budget_on_a_real_frame() {
     let winograd = |tile| PlanOptions { conv: ConvAlgorithm::Winograd(tile), ..direct };
     let preferred = Bench::default_variants(device());
     let forms = [(preferred, winograd(WinogradTile::F2)), (preferred, winograd(WinogradTile::F4))];
-    for (variants, forms) in variants().into_iter().map(|variants| (variants, direct)).chain(forms) {
+    let on_matrices = PlanOptions::for_gpu(Storage::F16, Arithmetic::Matrices);
+    let on_matrices = device().has_matrices().then_some((PORTABLE, on_matrices));
+    let in_floats = variants().into_iter().map(|variants| (variants, direct));
+    for (variants, forms) in in_floats.chain(forms).chain(on_matrices) {
         let lines = measure(device(), &weights, &frame, variants, &forms).unwrap();
         let last = residual(&lines).unwrap();
-        let limit = if variants.matrix { MATRIX_RESIDUAL_LIMIT } else { RESIDUAL_LIMIT };
-        println!("{variants:?}, {:?}: {:.1e} in {}", forms.conv, last.nmse, last.name);
+        let limit = if forms.arithmetic == Arithmetic::Matrices { MATRIX_RESIDUAL_LIMIT } else { RESIDUAL_LIMIT };
+        println!("{variants:?}, {:?}, {:?}: {:.1e} in {}", forms.conv, forms.arithmetic, last.nmse, last.name);
         assert!(last.name.starts_with("output") && last.nmse <= limit, "{last:?}");
         for line in &lines {
             // An error may be larger on its way than at the end, where it meets the whole residual; not by much.

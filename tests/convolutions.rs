@@ -2,11 +2,11 @@
 
 mod common;
 
-use common::case::{Cases, KERNEL_LIMIT, STORAGES};
+use common::case::{Cases, KERNEL_LIMIT, MATRIX_LIMIT, STORAGES};
 use common::dense::{dense_cases, ending, size};
 use vkdenoise::kernels::dense::Conv3x3;
 use vkdenoise::kernels::winograd::{Winograd3x3, WinogradTile};
-use vkdenoise::kernels::{Call, Shuffle};
+use vkdenoise::kernels::{Arithmetic, Call, Shuffle, Storage};
 use vkdenoise::net::ConvWeight;
 use vkdenoise::plan::pack::Pack;
 
@@ -30,7 +30,11 @@ fn add_conv_by(
         None => Pack::Conv3x3 { weight, bias, inputs, outputs, shuffle: phases },
         Some(tile) => Pack::Winograd3x3 { weight, bias, inputs, outputs, shuffle: phases, tile },
     };
+    let storage = cases.storage;
+    // The network's input are 32-bit floats.
+    cases.storage = if cases.arithmetic == Arithmetic::Matrices && inputs < 8 { Storage::F32 } else { storage };
     let src = cases.map((width * stride, height * stride), inputs, 3.0);
+    cases.storage = storage;
     let dst = match shuffle {
         Shuffle::None => cases.target((width, height), outputs),
         Shuffle::Unshuffle => cases.target((width / 2, height / 2), 4 * outputs),
@@ -44,13 +48,14 @@ fn add_conv_by(
         src,
         dst,
         channels,
-        weights: cases.pack(pack),
+        weights: cases.dense_pack(pack),
         film: ending.film.filter(|_| plain),
         residual,
         stride,
         activation: ending.activation,
         shuffle,
         tiles: cases.tiles((width, height)),
+        arithmetic: cases.arithmetic,
     };
     match tile {
         None => cases.add(Call::Conv3x3(call), dst.buffer),
@@ -105,6 +110,26 @@ fn conv3x3_with_shuffles() {
         }
         cases.check("conv3x3 with shuffles", limit);
     }
+}
+
+/// Channels in and out: the networks' own, and such as leave subgroups and columns over.
+#[test]
+fn conv3x3_on_matrices() {
+    let mut cases = dense_cases(4);
+    (cases.storage, cases.arithmetic) = (Storage::F16, Arithmetic::Matrices);
+    for channels in [(3, 32), (4, 20), (3, 100), (16, 8), (32, 32), (32, 64), (64, 36), (48, 128), (80, 100)].repeat(3) {
+        add_conv(&mut cases, channels, 1, Shuffle::None);
+    }
+    for channels in [(16, 12), (32, 32), (32, 64), (64, 44), (48, 160)].repeat(2) {
+        add_conv(&mut cases, channels, 2, Shuffle::None);
+    }
+    for channels in [(32, 16), (64, 32), (128, 64), (32, 8), (16, 20)].repeat(2) {
+        add_conv(&mut cases, channels, 1, Shuffle::Unshuffle);
+    }
+    for channels in [(32, 64), (64, 128), (64, 256), (48, 48), (16, 16)].repeat(2) {
+        add_conv(&mut cases, channels, 1, Shuffle::Shuffle);
+    }
+    cases.check("conv3x3", MATRIX_LIMIT);
 }
 
 /// Every form of convolution by Winograd's filtering.

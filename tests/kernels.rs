@@ -2,9 +2,10 @@
 
 mod common;
 
-use common::case::{Cases, KERNEL_LIMIT, STORAGES, small_net};
+use common::case::{Cases, DENSE_FORMS, KERNEL_LIMIT, MATRIX_LIMIT, STORAGES, small_net};
 use common::dense::{ACTIVATIONS, dense_cases, ending, size};
 use half::f16;
+use vkdenoise::kernels::aux_projection::AuxProjection;
 use vkdenoise::kernels::dense::Linear;
 use vkdenoise::kernels::expand::Expand;
 use vkdenoise::kernels::film::{FilmVector, TokenSum};
@@ -12,7 +13,7 @@ use vkdenoise::kernels::maps::{Depthwise3x3, LayerNorm};
 use vkdenoise::kernels::separable::Separable3x3;
 use vkdenoise::kernels::unembed::Unembed;
 use vkdenoise::kernels::window_attention::WindowAttention;
-use vkdenoise::kernels::{Activation, Call, Storage, TILE, Tiles, Variants, View};
+use vkdenoise::kernels::{Activation, Arithmetic, Call, Storage, TILE, Tiles, Variants, View};
 use vkdenoise::net::{Block, Convolution, LinearPart, LinearWeight};
 use vkdenoise::plan::pack::Pack;
 use vkdenoise::testing::Bench;
@@ -20,17 +21,27 @@ use vkdenoise::testing::Bench;
 /// Down to maps of one tile, every token of which but those in the middle is near a border.
 #[test]
 fn unembed() {
-    for (storage, limit) in [(Storage::F32, KERNEL_LIMIT), (Storage::F16, KERNEL_LIMIT)] {
-        for base in [8, 24, 32] {
+    for (storage, arithmetic, limit) in [
+        (Storage::F32, Arithmetic::Floats, KERNEL_LIMIT),
+        (Storage::F16, Arithmetic::Floats, KERNEL_LIMIT),
+        (Storage::F16, Arithmetic::Matrices, MATRIX_LIMIT),
+    ] {
+        for base in if arithmetic == Arithmetic::Matrices { [16, 32, 48] } else { [8, 24, 32] } {
             let mut cases = map_cases(base);
+            cases.arithmetic = arithmetic;
             for _ in 0..8 {
                 let size = size(&mut cases, 8);
                 cases.storage = storage;
                 let src = cases.map(size, base, 3.0);
                 cases.storage = Storage::F32;
                 let dst = cases.target((2 * size.0, 2 * size.1), 3);
-                let pack = Pack::Unembed { spread: "patch_unembed".into(), gather: "output".into(), inputs: base };
-                let call = Unembed { src, dst, weights: cases.pack(pack), tiles: cases.tiles(size) };
+                let (spread, gather, inputs) = ("patch_unembed".into(), "output".into(), base);
+                let pack = match arithmetic {
+                    Arithmetic::Floats => Pack::Unembed { spread, gather, inputs },
+                    Arithmetic::Matrices => Pack::UnembedMatrix { spread, gather, inputs },
+                };
+                let (weights, tiles) = (cases.pack(pack), cases.tiles(size));
+                let call = Unembed { src, dst, weights, tiles, arithmetic };
                 cases.add(Call::Unembed(call), dst.buffer);
             }
             cases.check(&format!("unembed of {base} channels"), limit);
@@ -40,10 +51,10 @@ fn unembed() {
 
 #[test]
 fn separable3x3() {
-    for (storage, limit) in STORAGES {
+    for (storage, arithmetic, limit) in DENSE_FORMS {
         for base in [8, 24, 40] {
             let mut cases = map_cases(base);
-            cases.storage = storage;
+            (cases.storage, cases.arithmetic) = (storage, arithmetic);
             let tensors =
                 [("enc.0.0.ffn", "depthwise", "contract", 4, 1), ("enc.1.0.ffn", "depthwise", "contract", 8, 2)];
             let conv = ("enc.1.0.conv", "depthwise", "pointwise", 2, 2);
@@ -67,7 +78,7 @@ fn separable3x3() {
                     src_b: None,
                     norm: false,
                     dst,
-                    weights: cases.pack(Pack::Linear(LinearWeight {
+                    weights: cases.dense_pack(Pack::Linear(LinearWeight {
                         parts,
                         inputs,
                         columns: 0..inputs,
@@ -78,6 +89,7 @@ fn separable3x3() {
                     residual: ending.residual.then(|| cases.map(size, outputs, 1.0)),
                     activation: ending.activation,
                     tiles,
+                    arithmetic,
                 };
                 cases.add(Call::Separable3x3(Separable3x3 { depthwise, pointwise }), dst.buffer);
             }
@@ -137,6 +149,7 @@ fn linear() {
                 residual: ending.residual.then(|| cases.map(size, outputs, 1.0)),
                 activation: ending.activation,
                 tiles: cases.tiles(size),
+                arithmetic: Arithmetic::Floats,
             };
             cases.add(Call::Linear(call), dst.buffer);
         }
@@ -144,9 +157,94 @@ fn linear() {
     }
 }
 
+/// Channels of both inputs and of the result, and whether the inputs are normed: every way to cut the work, the networks' own
+/// and such as leave subgroups and columns over.
+const MATRIX_SHAPES: [(u32, u32, u32, bool); 18] = [
+    (8, 0, 32, false),
+    (32, 0, 32, false),
+    (16, 48, 64, false),
+    (32, 96, 128, false),
+    (64, 192, 256, false),
+    (128, 0, 32, false),
+    (256, 0, 64, false),
+    (24, 0, 20, false),
+    (40, 8, 100, false),
+    (8, 16, 68, false),
+    (16, 0, 32, true),
+    (16, 0, 16, true),
+    (32, 0, 128, true),
+    (64, 0, 256, true),
+    (128, 0, 512, true),
+    (64, 0, 36, true),
+    (128, 0, 4, true),
+    (32, 0, 160, true),
+];
+
+#[test]
+fn linear_on_matrices() {
+    let mut cases = dense_cases(9);
+    (cases.storage, cases.arithmetic) = (Storage::F16, Arithmetic::Matrices);
+    for (first, second, outputs, normed) in MATRIX_SHAPES.repeat(2) {
+        let size = size(&mut cases, 8);
+        let parts = vec![LinearPart { prefix: "bottleneck.0.ffn.expand".into(), outputs }];
+        let columns = 0..first + second;
+        let norm = normed.then(|| "bottleneck.0.norm2".to_owned());
+        let weight = LinearWeight { parts, inputs: columns.end, columns, bias: cases.random.coin(), norm };
+        let (src, dst) = (cases.map(size, first, 3.0), cases.target(size, outputs));
+        let ending = ending(&mut cases, outputs);
+        let call = Linear {
+            src,
+            src_b: (second > 0).then(|| cases.map(size, second, 3.0)),
+            norm: normed,
+            dst,
+            weights: cases.dense_pack(Pack::Linear(weight)),
+            film: ending.film,
+            residual: ending.residual.then(|| cases.map(size, outputs, 1.0)),
+            activation: ending.activation,
+            tiles: cases.tiles(size),
+            arithmetic: Arithmetic::Matrices,
+        };
+        cases.add(Call::Linear(call), dst.buffer);
+    }
+    cases.check("linear", MATRIX_LIMIT);
+}
+
 /// Cases for the kernels whose packs take whole tensors: of C, 2C and 4C channels.
 fn map_cases(channels: u32) -> Cases {
     Cases::new(5, small_net(channels, Block::FilmCnn { conv: Convolution::Separable }))
+}
+
+/// From any half tile on, also an odd number of tiles, of which two side by side are a workgroup's.
+#[test]
+fn aux_projection_on_matrices() {
+    let mut cases = map_cases(32);
+    (cases.storage, cases.arithmetic) = (Storage::F16, Arithmetic::Matrices);
+    for _ in 0..12 {
+        let size = size(&mut cases, 8);
+        let (src, dst) = (cases.map(size, 8, 3.0), cases.target(size, 32));
+        let linear = |prefix: String, columns: std::ops::Range<u32>, inputs, bias| {
+            let parts = vec![LinearPart { prefix, outputs: 32 }];
+            Pack::Linear(LinearWeight { parts, inputs, columns, bias, norm: None })
+        };
+        let each = [0, 1, 2];
+        let pointwise = each.map(|i| {
+            let inputs = if i == 0 { 7 } else { 32 };
+            cases.dense_pack(linear(format!("aux_proj.{i}.pointwise"), 0..inputs, inputs, true))
+        });
+        let depthwise = each
+            .map(|i| cases.pack(Pack::Depthwise { weight: format!("aux_proj.{i}.depthwise"), channels: 32 }));
+        let out =
+            each.map(|i| cases.dense_pack(linear("aux_proj.out".into(), 32 * i..32 * i + 32, 96, i == 2)));
+        // It takes no lists.
+        let tiles = loop {
+            match cases.tiles(size) {
+                Tiles::List { .. } => {}
+                tiles => break tiles,
+            }
+        };
+        cases.add(Call::AuxProjection(AuxProjection { src, dst, pointwise, depthwise, out, tiles }), dst.buffer);
+    }
+    cases.check("aux_projection", MATRIX_LIMIT);
 }
 
 #[test]
@@ -200,7 +298,11 @@ fn layer_norm() {
 /// Adds window attention whose inputs are in -`scale`..`scale`.
 fn add_attention(cases: &mut Cases, (heads, keys, values): (u32, u32, u32), scale: f32) {
     let size = size(cases, 8);
-    let pack = Pack::BiasTable { table: "bottleneck.0.bias_table".into(), heads };
+    let table = "bottleneck.0.bias_table".into();
+    let pack = match cases.arithmetic {
+        Arithmetic::Floats => Pack::BiasTable { table, heads },
+        Arithmetic::Matrices => Pack::BiasMatrix { table, heads },
+    };
     let x = cases.map(size, heads * (2 * keys + values), scale);
     let f = cases.map(size, heads * 2 * keys, scale);
     let dst = cases.target(size, heads * values);
@@ -213,6 +315,7 @@ fn add_attention(cases: &mut Cases, (heads, keys, values): (u32, u32, u32), scal
         key_width: keys,
         value_width: values,
         tiles: cases.windows(size),
+        arithmetic: cases.arithmetic,
     };
     cases.add(Call::WindowAttention(call), dst.buffer);
 }
@@ -244,16 +347,29 @@ fn window_attention() {
     }
 }
 
+#[test]
+fn window_attention_on_matrices() {
+    let mut cases = dense_cases(10);
+    (cases.storage, cases.arithmetic) = (Storage::F16, Arithmetic::Matrices);
+    for form in [(1, 8, 16), (1, 16, 32), (1, 32, 64), (1, 24, 48), (4, 32, 32), (8, 16, 16)].repeat(3) {
+        add_attention(&mut cases, form, 1.8);
+    }
+    cases.check("window_attention", MATRIX_LIMIT);
+}
+
 /// Products of scores in the millions, far beyond what halves or an unshifted exponential hold: each query attends to
 /// its best key alone.
 #[test]
 fn attention_of_huge_scores_picks_the_best_key() {
-    let mut cases = dense_cases(8);
-    for form in [(1, 8, 16), (2, 32, 32)] {
-        add_attention(&mut cases, form, 60.0);
+    for (storage, arithmetic, _) in DENSE_FORMS {
+        let mut cases = dense_cases(8);
+        (cases.storage, cases.arithmetic) = (storage, arithmetic);
+        for form in [(1, 8, 16), (2, 32, 32)] {
+            add_attention(&mut cases, form, 60.0);
+        }
+        // Where two keys are nearly even, the rounding of their scores decides; few are.
+        cases.check("window_attention of huge scores", 1e-2);
     }
-    // Where two keys are nearly even, the rounding of their scores decides; few are.
-    cases.check("window_attention of huge scores", 1e-2);
 }
 
 #[test]

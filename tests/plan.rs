@@ -5,7 +5,7 @@
 
 use vkdenoise::kernels::contract::BindingType;
 use vkdenoise::kernels::winograd::WinogradTile;
-use vkdenoise::kernels::{BufferId, Call, Storage, Tiles, Variants};
+use vkdenoise::kernels::{Arithmetic, BufferId, Call, Storage, Tiles, Variants};
 use vkdenoise::net::{Arch, Folds, Graph};
 use vkdenoise::plan::{
     ConvAlgorithm, ConvShape, Dispatch, Place, Plan, PlanOptions, SeparableForm, max_chain_bytes, plan,
@@ -172,7 +172,7 @@ fn bands_cost_little_work() {
     };
     // Bands of halves are smaller.
     for (storage, most) in [(Storage::F32, 1.03), (Storage::F16, 1.06)] {
-        let share = flops(max_chain_bytes(storage) * Storage::F32.bytes() / storage.bytes()) / flops(u64::MAX);
+        let share = flops(max_chain_bytes(storage, Arithmetic::Floats) * Storage::F32.bytes() / storage.bytes()) / flops(u64::MAX);
         println!("{storage:?}: {share:.4}");
         assert!((1.001..most).contains(&share), "{storage:?}: {share}");
     }
@@ -189,7 +189,7 @@ fn what_does_not_fit_is_an_error() {
 /// The order is the contract's; a missing range would leave a descriptor unwritten.
 #[test]
 fn every_texel_buffer_of_a_contract_has_its_range() {
-    let variants = Variants { cpu: true, matrix: false, images: false, output_half: false };
+    let variants = Variants { cpu: true, images: false, output_half: false };
     for (name, plan) in plans(Extent::new(600, 128)) {
         for dispatch in lists(&plan).concat() {
             let kernel = dispatch.call.kernel();
@@ -203,16 +203,19 @@ fn every_texel_buffer_of_a_contract_has_its_range() {
 /// 93 % of the Hybrid's FLOPs, and of every network all that is dense but what makes the three channels of the result.
 #[test]
 fn dense_kernels_have_a_variant_on_matrices() {
-    let variants = Variants { cpu: true, matrix: true, images: false, output_half: false };
-    // Kernels on matrices take maps of 32-bit floats.
-    let in_floats = |plan: &Plan| plan.buffers.iter().all(|buffer| buffer.storage == Storage::F32);
-    for (name, plan) in plans(Extent::new(128, 128)).into_iter().filter(|(_, plan)| in_floats(plan)) {
+    let variants = Variants { cpu: false, images: false, output_half: false };
+    for name in Arch::NAMES {
+        let graph = Graph::new(&Arch::named(name).unwrap()).unwrap();
+        let plan = plan(&graph, Extent::new(128, 128), &PlanOptions::for_gpu(Storage::F16, Arithmetic::Matrices)).unwrap();
         let (mut on_matrices, mut dense) = (0, 0);
         for dispatch in &plan.dispatches {
             let contract = dispatch.call.kernel().contract(variants);
             let wide = match &dispatch.call {
                 Call::Conv3x3(k) => k.channels > 4,
-                Call::Linear(_) => true,
+                // A power of two of invocations share a normed token.
+                Call::Linear(k) => !k.norm || k.src.channels.is_power_of_two(),
+                Call::Separable3x3(_) => true,
+                Call::WindowAttention(k) => k.key_width <= 32 && k.value_width <= 64,
                 _ => false,
             };
             assert_eq!(contract.needs_matrix(), wide, "{name}: {}", dispatch.name);

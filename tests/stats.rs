@@ -25,7 +25,7 @@ const RESIDUAL: BufferId = BufferId(5);
 const TILE_LIST: BufferId = BufferId(6);
 const DEPTH_SCALE: BufferId = BufferId(7);
 
-const BUFFER_VARIANTS: Variants = Variants { cpu: false, matrix: false, images: false, output_half: false };
+const BUFFER_VARIANTS: Variants = Variants { cpu: false, images: false, output_half: false };
 
 /// The grid that a frame is padded to: more than it needs, so that small ones are mirrored again and again.
 fn padded(extent: Extent) -> (u32, u32) {

@@ -12,6 +12,8 @@ mod export;
 mod network;
 #[path = "profile/parts.rs"]
 mod parts;
+#[path = "profile/plan.rs"]
+mod plan;
 #[path = "profile/plot.rs"]
 mod plot;
 #[path = "plotting.rs"]
@@ -62,6 +64,7 @@ fn run(command: Command) -> Result<(), Failure> {
             folds,
             conv,
             separable,
+            max_chain_mib,
             precision,
             region,
             quiet,
@@ -71,7 +74,14 @@ fn run(command: Command) -> Result<(), Failure> {
             output,
         } => {
             let (conv, separable) = (conv.map(Into::into), separable.map(Into::into));
-            let options = Options { precision, folds: Some(folds), conv, separable, ..Options::default() };
+            let options = Options {
+                precision,
+                folds: Some(folds),
+                conv,
+                separable,
+                max_chain_bytes: max_chain_mib.map(|mib| mib << 20),
+                ..Options::default()
+            };
             let quiet = quiet.map(|share| (share, quiet_mode));
             let subject = network::Subject { extent: size, options, region, quiet, features };
             network::network(&Session::open(&common)?, &arch, &subject, &output)
@@ -83,6 +93,9 @@ fn run(command: Command) -> Result<(), Failure> {
             blocks::blocks(&Session::open(&common)?, &sizes, &channels, json)
         }
         Command::Tables { size, common, json } => tables::tables(&Session::open(&common)?, size, json),
+        Command::Plan { arch, size, precision, target, common, json } => {
+            plan::plan_of(&arch, size, precision, &plan::Target::find(&target, &common)?, json)
+        }
         Command::Roof { common, json } => {
             let header = Session::open(&common)?.header();
             if json {

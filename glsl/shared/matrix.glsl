@@ -13,7 +13,17 @@ layout(constant_id = 3) const uint DEPTH = 16;
 layout(local_size_x_id = 0, local_size_y = 1, local_size_z = 1) in;
 
 const uint SUBGROUPS = 4u;
+const uint LANES = INVOCATIONS / SUBGROUPS;
 
 #define MatrixA coopmat<float16_t, gl_ScopeSubgroup, ROWS, DEPTH, gl_MatrixUseA>
 #define MatrixB coopmat<float16_t, gl_ScopeSubgroup, DEPTH, COLUMNS, gl_MatrixUseB>
 #define MatrixSum coopmat<float, gl_ScopeSubgroup, ROWS, COLUMNS, gl_MatrixUseAccumulator>
+
+// Eight halves.
+uvec4 pack_halves(vec4 low, vec4 high) {
+    return uvec4(packHalf2x16(low.xy), packHalf2x16(low.zw), packHalf2x16(high.xy), packHalf2x16(high.zw));
+}
+void unpack_halves(uvec4 halves, out vec4 low, out vec4 high) {
+    low = vec4(unpackHalf2x16(halves.x), unpackHalf2x16(halves.y));
+    high = vec4(unpackHalf2x16(halves.z), unpackHalf2x16(halves.w));
+}

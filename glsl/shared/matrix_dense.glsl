@@ -1,20 +1,31 @@
-// What the dense kernels on matrices share. A workgroup computes four tiles of 8x8 tokens, one a subgroup, times 32 channels.
-// Both factors are staged in shared memory as rows of halves, padded by 16 bytes so that rows begin in different banks:
-// tokens x inputs, and inputs x outputs. The sums go back through the same memory, because what follows (bias, FiLM,
-// activation, shuffles) depends on the channel.
-const uint LANES = INVOCATIONS / SUBGROUPS;
+// What the dense kernels on matrices share. A workgroup computes TILES tiles of 8x8 tokens; SPLITS subgroups share a tile, each
+// with 32 of its outputs. The tokens' inputs are staged in shared memory as rows of halves, padded by 16 bytes so that rows
+// begin in different banks. The weights come straight from memory, packed as [32 outputs][row][32 halves]. The sums go back
+// through the shared memory, because what follows (bias, FiLM, activation, shuffles) depends on the channel.
+//
+// A kernel defines STAGED_INPUTS, vectors of 16 bytes in which it stages, before it includes this.
+layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer Vectors { uvec4 v[]; };
+layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer Halves { float16_t v[]; };
+
+const uint SPLITS = SUBGROUPS / TILES;
 const uint TOKENS = 64u;                        // of a tile
-const uint OUTPUTS = 32u;                       // of a workgroup
+#ifndef OUTPUTS
+#define OUTPUTS 32u                             // of a subgroup
+#endif
 const uint ROW_TILES = TOKENS / ROWS;
 const uint COLUMN_TILES = OUTPUTS / COLUMNS;
-// Strides in vectors of 16 bytes: eight halves or four floats.
-const uint OUTPUTS_STRIDE = OUTPUTS / 8u + 1u;
-const uint SUMS_STRIDE = OUTPUTS / 4u + 1u;
+const uint SUMS_STRIDE = OUTPUTS / 4u + 1u;     // in vectors of four floats
 const uint SUMS_TOKENS = 32u;                   // of a tile at a time
+const uint STAGED_SUMS = SUBGROUPS * SUMS_TOKENS * SUMS_STRIDE;
 
-const float LARGEST_HALF = 65504.0;
+shared uvec4 staged[STAGED_INPUTS > STAGED_SUMS ? STAGED_INPUTS : STAGED_SUMS];
 
-shared uvec4 staged[STAGED];
+// This subgroup's tile among those of its workgroup, and its block of outputs.
+uint own_tile = gl_SubgroupID / SPLITS;
+uint own_outputs = gl_WorkGroupID.y * SPLITS + gl_SubgroupID % SPLITS;
+// This invocation among those that share a tile.
+const uint TILE_LANES = SPLITS * LANES;
+uint tile_lane = gl_SubgroupID % SPLITS * LANES + gl_SubgroupInvocationID;
 
 MatrixSum sums[ROW_TILES * COLUMN_TILES];
 
@@ -22,27 +33,18 @@ void clear_sums() {
     [[unroll]] for (uint i = 0u; i < ROW_TILES * COLUMN_TILES; ++i) sums[i] = MatrixSum(0.0);
 }
 
-// Larger values would become infinite, and the sums NaN.
-uvec4 to_halves(vec4 low, vec4 high) {
-    low = clamp(low, -LARGEST_HALF, LARGEST_HALF);
-    high = clamp(high, -LARGEST_HALF, LARGEST_HALF);
-    return uvec4(packHalf2x16(low.xy), packHalf2x16(low.zw), packHalf2x16(high.xy), packHalf2x16(high.zw));
+// The weights of DEPTH rows, which begin `at` halves into the packed ones.
+void load_weights(Halves weights, uint at, out MatrixB columns[COLUMN_TILES]) {
+    [[unroll]] for (uint n = 0u; n < COLUMN_TILES; ++n) {
+        coopMatLoad(columns[n], weights.v, at + n * COLUMNS, OUTPUTS, gl_CooperativeMatrixLayoutRowMajor);
+    }
 }
 
-// Stages row `row` at `to` for the weights of one input channel, vectors of four outputs from `from` on; zeros if it is beyond the
-// last one. Eight outputs by each of four invocations, this one being the `part`-th.
-#define STAGE_WEIGHTS(to, row, part, from, inside) \
-    staged[(to) + (row) * OUTPUTS_STRIDE + (part)] = (inside) \
-        ? to_halves(LOAD_WEIGHTS(weights, (from) + 2u * (part)), LOAD_WEIGHTS(weights, (from) + 2u * (part) + 1u)) \
-        : uvec4(0u);
-
-// sums += `depth` columns of the tokens' rows, which begin at `a`, times as many rows of weights, which begin at `b`.
-void multiply_add(uint a, uint a_stride, uint b, const uint depth) {
+// sums += `depth` columns of the tokens' rows, which begin at vector `a`, times as many rows of weights from `at` on.
+void multiply_add(uint a, uint a_stride, Halves weights, uint at, const uint depth) {
     [[unroll]] for (uint k = 0u; k < depth; k += DEPTH) {
         MatrixB columns[COLUMN_TILES];
-        [[unroll]] for (uint n = 0u; n < COLUMN_TILES; ++n) {
-            coopMatLoad(columns[n], staged, b + k * OUTPUTS_STRIDE + n * COLUMNS / 8u, OUTPUTS_STRIDE, gl_CooperativeMatrixLayoutRowMajor);
-        }
+        load_weights(weights, at + k * OUTPUTS, columns);
         [[unroll]] for (uint m = 0u; m < ROW_TILES; ++m) {
             MatrixA rows;
             coopMatLoad(rows, staged, a + m * ROWS * a_stride + k / 8u, a_stride, gl_CooperativeMatrixLayoutRowMajor);
@@ -53,7 +55,7 @@ void multiply_add(uint a, uint a_stride, uint b, const uint depth) {
     }
 }
 
-// Writes the sums of `part` (0 or 1: half of every tile's tokens) to shared memory, for `staged_sum`.
+// Writes the sums of `part` (0 or 1: half of the tile's tokens) to shared memory, for `staged_sum`.
 void stage_sums(uint part) {
     barrier();
     uint to = gl_SubgroupID * SUMS_TOKENS * SUMS_STRIDE;
@@ -78,7 +80,7 @@ vec4 staged_sum(uint token, uint vector) {
         stage_sums(part); \
         for (uint i = gl_SubgroupInvocationID; live && i < SUMS_TOKENS * OUTPUTS / 4u; i += LANES) { \
             uint token = i / (OUTPUTS / 4u), vector = i % (OUTPUTS / 4u); \
-            uint channel = gl_WorkGroupID.y * (OUTPUTS / 4u) + vector; \
+            uint channel = own_outputs * (OUTPUTS / 4u) + vector; \
             if (channel >= dst_channels) continue; \
             vec4 value = staged_sum(token, vector) + LOAD_WEIGHTS(weights, channel); \
             uint of_tile = part * SUMS_TOKENS + token; \

@@ -6,7 +6,7 @@ mod matrix;
 use super::contract::Contract;
 use super::dense::{Conv3x3, Linear};
 use super::expand::Expand;
-use super::film::{FilmVector, TokenSum};
+use super::film::{FilmVector, SUM_INVOCATIONS, TokenSum};
 use super::maps::{Depthwise3x3, LayerNorm};
 use super::separable::Separable3x3;
 use super::unembed::Unembed;
@@ -57,10 +57,14 @@ impl Call {
     /// What the invocations ask of memory; `None` for the kernels over the caller's planes and their statistics, for which
     /// it depends on the frame, and for what makes lists of active tiles.
     pub fn accesses(&self, variants: Variants) -> Option<Accesses> {
-        let contract = self.kernel().contract(variants);
+        let (contract, special) = (self.kernel().contract(variants), self.kernel().specialisation());
         Some(match self {
-            Self::Conv3x3(k) if contract.needs_matrix() => matrix::conv3x3(k),
-            Self::Linear(k) if contract.needs_matrix() => matrix::linear(k),
+            Self::Conv3x3(k) if contract.needs_matrix() => matrix::conv3x3(k, special),
+            Self::Linear(k) if contract.needs_matrix() => matrix::linear(k, special),
+            Self::Separable3x3(k) if contract.needs_matrix() => matrix::separable3x3(k, special),
+            Self::WindowAttention(k) if contract.needs_matrix() => matrix::window_attention(k),
+            Self::Unembed(k) if contract.needs_matrix() => matrix::unembed(k),
+            Self::AuxProjection(_) => matrix::aux_projection(self.kernel().groups(variants)),
             Self::Conv3x3(k) => conv3x3(k, contract),
             Self::Winograd3x3(k) => winograd3x3(k, contract),
             Self::Linear(k) => linear(k, contract),
@@ -236,7 +240,14 @@ fn expand(call: &Expand) -> Accesses {
 
 fn token_sum(call: &TokenSum) -> Accesses {
     let vectors = u64::from(call.src.channels / 4);
-    Accesses { global_loads: call.real_tokens() * vectors, global_stores: call.sums() * vectors, ..Accesses::default() }
+    // Of its first way an invocation keeps its own.
+    let (ways, sums) = (u64::from(SUM_INVOCATIONS) / vectors, call.sums());
+    Accesses {
+        global_loads: call.real_tokens() * vectors,
+        global_stores: sums * vectors,
+        shared_loads: 4 * sums * vectors * (ways - 1),
+        shared_stores: 4 * sums * u64::from(SUM_INVOCATIONS),
+    }
 }
 
 fn film_vector(call: &FilmVector) -> Accesses {

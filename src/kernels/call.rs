@@ -1,7 +1,7 @@
 //! A kernel with its arguments, whichever it is.
 
 use super::{
-    Kernel, Tiles, View, dense, expand, film, frame_io, maps, quiet, separable, stats, unembed, window_attention,
+    Kernel, Tiles, View, aux_projection, dense, expand, film, frame_io, maps, quiet, separable, stats, unembed, window_attention,
     winograd,
 };
 
@@ -18,6 +18,8 @@ pub enum Call {
     Depthwise3x3(maps::Depthwise3x3),
     /// Depthwise and pointwise convolution in one.
     Separable3x3(separable::Separable3x3),
+    /// The features' projection in one.
+    AuxProjection(aux_projection::AuxProjection),
     /// Tokens of 2x2 to pixels.
     Unembed(unembed::Unembed),
     /// Layer normalisation.
@@ -70,6 +72,7 @@ impl Call {
             Self::Separable3x3(k) => of(&k.pointwise.tiles, &k.pointwise.dst),
             Self::Linear(k) => of(&k.tiles, &k.dst),
             Self::Depthwise3x3(k) => of(&k.tiles, &k.dst),
+            Self::AuxProjection(k) => of(&k.tiles, &k.dst),
             Self::Unembed(k) => of(&k.tiles, &k.src),
             Self::LayerNorm(k) => of(&k.tiles, &k.dst),
             Self::WindowAttention(k) => of(&k.tiles, &k.dst),
@@ -93,6 +96,7 @@ impl Call {
             Self::Separable3x3(k) => &mut k.pointwise.tiles,
             Self::Linear(k) => &mut k.tiles,
             Self::Depthwise3x3(k) => &mut k.tiles,
+            Self::AuxProjection(k) => &mut k.tiles,
             Self::Unembed(k) => &mut k.tiles,
             Self::LayerNorm(k) => &mut k.tiles,
             Self::WindowAttention(k) => &mut k.tiles,
@@ -113,6 +117,7 @@ impl Call {
             Self::Separable3x3(k) => Some(&k.pointwise.dst),
             Self::Linear(k) => Some(&k.dst),
             Self::Depthwise3x3(k) => Some(&k.dst),
+            Self::AuxProjection(k) => Some(&k.dst),
             Self::Unembed(k) => Some(&k.dst),
             Self::LayerNorm(k) => Some(&k.dst),
             Self::Expand(k) => Some(&k.dst),
@@ -131,6 +136,7 @@ impl Call {
             Self::Winograd3x3(k) => Some(&k.conv.src),
             Self::Separable3x3(k) => Some(&k.depthwise.src),
             Self::Depthwise3x3(k) => Some(&k.src),
+            Self::AuxProjection(k) => Some(&k.src),
             Self::Unembed(k) => Some(&k.src),
             _ => None,
         }
@@ -144,6 +150,7 @@ impl Call {
             Self::Linear(k) => k,
             Self::Depthwise3x3(k) => k,
             Self::Separable3x3(k) => k,
+            Self::AuxProjection(k) => k,
             Self::Unembed(k) => k,
             Self::LayerNorm(k) => k,
             Self::WindowAttention(k) => k,

@@ -60,7 +60,7 @@ pub struct Constant {
     pub value: ConstantValue,
 }
 
-/// What fills a specialisation constant: a size of the device's cooperative matrices, or flags of the dispatch.
+/// What fills a specialisation constant: a size of the device's cooperative matrices, or what the dispatch asks for.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ConstantValue {
     /// Invocations of so many subgroups.
@@ -71,20 +71,40 @@ pub enum ConstantValue {
     MatrixColumns,
     /// Columns of the first factor.
     MatrixDepth,
-    /// [`Epilogue::flags`].
+    /// [`Specialisation::epilogue`].
     Epilogue,
-    /// [`Epilogue::inner`].
+    /// [`Specialisation::inner`].
     InnerEpilogue,
+    /// [`Specialisation::tiles`].
+    Tiles,
+    /// [`Specialisation::inputs`].
+    Inputs,
+    /// [`Specialisation::copies`].
+    Copies,
+    /// [`Specialisation::keys`].
+    Keys,
+    /// [`Specialisation::values`].
+    Values,
 }
 
-/// What dispatches do with their sums before they are stored, by the flags of `glsl/shared/epilogue.glsl`. A pipeline is
-/// specialised for it.
+/// What a pipeline is specialised for: what becomes of sums before they are stored, and how a kernel on matrices cuts its work.
+/// Zero where the kernel does not ask.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
-pub struct Epilogue {
-    /// Of the result.
-    pub flags: u32,
-    /// Of what [`super::Separable3x3`] computes between.
+pub struct Specialisation {
+    /// What becomes of the result's sums, by the flags of `glsl/shared/epilogue.glsl`.
+    pub epilogue: u32,
+    /// The same of what [`super::separable::Separable3x3`] computes between.
     pub inner: u32,
+    /// Tiles of 8x8 tokens of a workgroup on matrices.
+    pub tiles: u32,
+    /// Input channels that it stages at a time.
+    pub inputs: u32,
+    /// Columns of taps that it stages at a time.
+    pub copies: u32,
+    /// Channels of queries and keys.
+    pub keys: u32,
+    /// Channels of values.
+    pub values: u32,
 }
 
 /// How many lanes of a subgroup load different vectors, and how they hand them round (`glsl/shared/lanes.glsl`). Not a

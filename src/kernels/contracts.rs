@@ -65,7 +65,17 @@ const DEPTH: Constant = Constant { name: "DEPTH", value: ConstantValue::MatrixDe
 const EPILOGUE: Constant = Constant { name: "EPILOGUE", value: ConstantValue::Epilogue };
 const INNER_EPILOGUE: Constant = Constant { name: "INNER_EPILOGUE", value: ConstantValue::InnerEpilogue };
 const MATRIX: &[Constant] = &[INVOCATIONS, ROWS, COLUMNS, DEPTH];
-const DENSE_MATRIX: &[Constant] = &[INVOCATIONS, ROWS, COLUMNS, DEPTH, EPILOGUE];
+const TILES: Constant = Constant { name: "TILES", value: ConstantValue::Tiles };
+const INPUTS: Constant = Constant { name: "INPUTS", value: ConstantValue::Inputs };
+const COPIES: Constant = Constant { name: "COPIES", value: ConstantValue::Copies };
+const KEYS: Constant = Constant { name: "KEYS", value: ConstantValue::Keys };
+const VALUES: Constant = Constant { name: "VALUES", value: ConstantValue::Values };
+const FIRST_MATRIX: &[Constant] = &[INVOCATIONS, ROWS, COLUMNS, DEPTH, EPILOGUE, TILES];
+const LINEAR_MATRIX_CUT: &[Constant] = &[INVOCATIONS, ROWS, COLUMNS, DEPTH, EPILOGUE, TILES, INPUTS];
+const CONV_MATRIX_CUT: &[Constant] = &[INVOCATIONS, ROWS, COLUMNS, DEPTH, EPILOGUE, TILES, INPUTS, COPIES];
+const SEPARABLE_MATRIX_CUT: &[Constant] = &[INVOCATIONS, ROWS, COLUMNS, DEPTH, EPILOGUE, TILES, INPUTS, INNER_EPILOGUE];
+const UNEMBED_MATRIX_CUT: &[Constant] = &[INVOCATIONS, ROWS, COLUMNS, DEPTH, INPUTS];
+const ATTENTION_MATRIX_CUT: &[Constant] = &[INVOCATIONS, ROWS, COLUMNS, DEPTH, KEYS, VALUES];
 const DENSE: &[Constant] = &[EPILOGUE];
 const SEPARABLE: &[Constant] = &[EPILOGUE, INNER_EPILOGUE];
 
@@ -239,15 +249,35 @@ contracts! {
         UNEMBED = "unembed" "unembed.comp" UnembedPush { "TX": "4" } &[], &[];
         /// The same from a map of halves.
         UNEMBED_FROM_F16 = "unembed_from_f16" "unembed.comp" UnembedPush { "TX": "4", "SRC_F16": "1" } &[], &[];
+        /// The same from a map of halves on cooperative matrices.
+        UNEMBED_MATRIX = "unembed_matrix" "unembed_matrix.comp" UnembedPush { "SRC_F16": "1" } &[], MATRICES, UNEMBED_MATRIX_CUT;
         /// The same for CPU drivers, from a map of either.
         UNEMBED_CPU = "unembed_cpu" "unembed.comp" UnembedPush
             { "TX": "8", "LANES_SHARE": "1", "TEXELS": "1" } MAP_TEXELS, CPU;
         /// Convolution on cooperative matrices, stride 1.
-        CONV3X3_MATRIX = "conv3x3_matrix" "conv3x3_matrix.comp" Conv3x3Push { "STRIDE": "1" } &[], MATRICES, DENSE_MATRIX;
+        CONV3X3_MATRIX = "conv3x3_matrix" "conv3x3_matrix.comp" Conv3x3Push
+            { "SRC_F16": "1", "DST_F16": "1", "STRIDE": "1" } &[], MATRICES, CONV_MATRIX_CUT;
         /// Convolution on cooperative matrices, stride 2.
-        CONV3X3_S2_MATRIX = "conv3x3_s2_matrix" "conv3x3_matrix.comp" Conv3x3Push { "STRIDE": "2" } &[], MATRICES, DENSE_MATRIX;
+        CONV3X3_S2_MATRIX = "conv3x3_s2_matrix" "conv3x3_matrix.comp" Conv3x3Push
+            { "SRC_F16": "1", "DST_F16": "1", "STRIDE": "2" } &[], MATRICES, CONV_MATRIX_CUT;
+        /// Convolution of the network's input on cooperative matrices.
+        CONV3X3_FIRST_MATRIX = "conv3x3_first_matrix" "conv3x3_first_matrix.comp" Conv3x3Push
+            { "DST_F16": "1" } &[], MATRICES, FIRST_MATRIX;
         /// Pointwise convolution on cooperative matrices.
-        LINEAR_MATRIX = "linear_matrix" "linear_matrix.comp" LinearPush {} &[], MATRICES, DENSE_MATRIX;
+        LINEAR_MATRIX = "linear_matrix" "linear_matrix.comp" LinearPush
+            { "SRC_F16": "1", "DST_F16": "1" } &[], MATRICES, LINEAR_MATRIX_CUT;
+        /// The same of normed tokens.
+        LINEAR_NORM_MATRIX = "linear_norm_matrix" "linear_matrix.comp" LinearPush
+            { "SRC_F16": "1", "DST_F16": "1", "NORM": "1" } &[], MATRICES, LINEAR_MATRIX_CUT;
+        /// Depthwise and pointwise convolution in one on cooperative matrices.
+        SEPARABLE3X3_MATRIX = "separable3x3_matrix" "separable3x3_matrix.comp" Separable3x3Push
+            { "SRC_F16": "1", "DST_F16": "1" } &[], MATRICES, SEPARABLE_MATRIX_CUT;
+        /// The features' projection in one on cooperative matrices.
+        AUX_PROJECTION_MATRIX = "aux_projection_matrix" "aux_projection_matrix.comp" AuxProjectionPush
+            { "SRC_F16": "1", "DST_F16": "1" } &[], MATRICES, MATRIX;
+        /// Joint window attention on cooperative matrices.
+        WINDOW_ATTENTION_MATRIX = "window_attention_matrix" "window_attention_matrix.comp" WindowAttentionPush
+            { "SRC_F16": "1", "DST_F16": "1" } &[], MATRICES, ATTENTION_MATRIX_CUT;
         /// FiLM vectors.
         FILM_VECTOR = "film_vector" "film_vector.comp" FilmVectorPush {} &[], &[];
         /// A histogram to zero.

@@ -1,10 +1,11 @@
 //! The dense kernels: 3x3 and pointwise convolution, with bias, FiLM, residual, activation and pixel shuffles.
 
-use super::contract::{Contract, Epilogue};
+use super::contract::{Contract, Specialisation};
 use super::contracts::{self, halves};
+use super::on_matrices;
 use super::pushes::{Conv3x3Push, LinearPush};
 use super::{
-    Activation, Addresses, BufferId, Kernel, PushBytes, Shuffle, Storage, TexelRange, Tiles, Traffic, Variants, View,
+    Activation, Addresses, Arithmetic, BufferId, Kernel, PushBytes, Shuffle, Storage, TexelRange, Tiles, Traffic, Variants, View,
     activation_flag, by_storage, flags, groups,
 };
 
@@ -45,6 +46,8 @@ pub struct Conv3x3 {
     pub shuffle: Shuffle,
     /// Tiles of the convolution's own result (before the shuffle).
     pub tiles: Tiles,
+    /// On matrices its weights are packed as halves ([`crate::plan::pack::Pack::Halves`]), and [`Conv3x3::fits_matrices`].
+    pub arithmetic: Arithmetic,
 }
 
 impl Conv3x3 {
@@ -52,26 +55,44 @@ impl Conv3x3 {
     pub fn result_size(&self) -> (u32, u32) {
         (self.src.width / self.stride, self.src.height / self.stride)
     }
+
+    /// Whether there is a kernel on matrices for its maps: from whole vectors of halves, or from four channels of 32-bit
+    /// floats, to a map of halves of more channels than a narrow one has.
+    pub fn fits_matrices(&self) -> bool {
+        self.on_matrices().is_some()
+    }
+
+    fn on_matrices(&self) -> Option<(&'static Contract, Specialisation)> {
+        let (src, channels) = (&self.src, self.channels);
+        if self.dst.storage != Storage::F16 || conv_tile_channels(channels) == NARROW_CHANNELS {
+            return None;
+        }
+        if src.storage == Storage::F32 && src.channels == 4 && self.stride == 1 {
+            return Some((&contracts::CONV3X3_FIRST_MATRIX, on_matrices::conv3x3_first(channels)));
+        }
+        let contract = if self.stride == 2 { &contracts::CONV3X3_S2_MATRIX } else { &contracts::CONV3X3_MATRIX };
+        let special = on_matrices::conv3x3(src.channels, channels, self.stride);
+        special.filter(|_| on_matrices::can_load([src])).map(|special| (contract, special))
+    }
+
+    fn chosen(&self) -> Option<(&'static Contract, Specialisation)> {
+        self.on_matrices().filter(|_| self.arithmetic == Arithmetic::Matrices)
+    }
 }
 
-/// Workgroups for tiles and channels. A workgroup has 64 invocations of so many tokens each as the variant defines, or
-/// subgroups of one tile each.
+/// Workgroups for tiles and channels. A workgroup has 64 invocations of so many tokens each as the variant defines.
 pub(super) fn dense_groups(tiles: u32, channels: u32, tile_channels: u32, contract: &Contract) -> [u32; 3] {
     groups(tiles.div_ceil(tiles_a_group(contract)), channels.div_ceil(tile_channels))
 }
 
 /// Tiles of a workgroup.
 pub(super) fn tiles_a_group(contract: &Contract) -> u32 {
-    if contract.needs_matrix() {
-        contracts::MATRIX_SUBGROUPS
-    } else {
-        (contract.define("TX") * contract.define("TY")) as u32
-    }
+    (contract.define("TX") * contract.define("TY")) as u32
 }
 
 impl Kernel for Conv3x3 {
     fn contract(&self, variants: Variants) -> &'static Contract {
-        if let Some(contract) = matrix_contract(self, variants) {
+        if let Some((contract, _)) = self.chosen() {
             return contract;
         }
         // Texels are of any type.
@@ -96,24 +117,28 @@ impl Kernel for Conv3x3 {
         }
     }
 
-    fn epilogue(&self) -> Epilogue {
+    fn specialisation(&self) -> Specialisation {
         let shuffle = match self.shuffle {
             Shuffle::None => 0,
             Shuffle::Unshuffle => flags::UNSHUFFLE,
             Shuffle::Shuffle => flags::SHUFFLE,
         };
         let flags = shuffle | epilogue_flags(self.activation, self.film, self.residual.as_ref());
-        Epilogue { flags, ..Epilogue::default() }
+        let shape = self.chosen().map(|(_, special)| special).unwrap_or_default();
+        Specialisation { epilogue: flags, ..shape }
     }
 
     fn groups(&self, variants: Variants) -> [u32; 3] {
         let (width, height) = self.result_size();
+        if let Some((_, special)) = self.chosen() {
+            return on_matrices::groups_of(special, self.tiles.count(width, height), self.channels);
+        }
         let tile_channels = conv_tile_channels(self.channels);
         dense_groups(self.tiles.count(width, height), self.channels, tile_channels, self.contract(variants))
     }
 
     fn tiles_a_group(&self, variants: Variants) -> u32 {
-        tiles_a_group(self.contract(variants))
+        self.chosen().map_or_else(|| tiles_a_group(self.contract(variants)), |(_, special)| special.tiles)
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {
@@ -125,7 +150,7 @@ impl Kernel for Conv3x3 {
     }
 
     fn traffic(&self) -> Traffic {
-        self.traffic_with((u64::from(self.src.channels) * 9 + 1) * u64::from(self.channels) * 4)
+        self.traffic_with(weight_bytes(u64::from(self.src.channels) * 9, self.channels, self.arithmetic))
     }
 }
 
@@ -164,16 +189,13 @@ impl Conv3x3 {
     }
 }
 
-/// Whether kernels on cooperative matrices can work on these maps: they read and write 32-bit floats.
-fn fits_matrices<'a>(mut views: impl Iterator<Item = &'a View>) -> bool {
-    views.all(|view| view.storage == Storage::F32)
-}
-
-/// The variant of a convolution on cooperative matrices, where there is one: to more channels than a narrow one has.
-fn matrix_contract(conv: &Conv3x3, variants: Variants) -> Option<&'static Contract> {
-    let fits = fits_matrices([&conv.src, &conv.dst].into_iter().chain(&conv.residual));
-    let wide = variants.matrix && fits && conv_tile_channels(conv.channels) != NARROW_CHANNELS;
-    wide.then_some(if conv.stride == 2 { &contracts::CONV3X3_S2_MATRIX } else { &contracts::CONV3X3_MATRIX })
+/// Bytes of a matrix of so many inputs and outputs, and of its biases, as they are packed.
+fn weight_bytes(inputs: u64, outputs: u32, arithmetic: Arithmetic) -> u64 {
+    let element = match arithmetic {
+        Arithmetic::Floats => Storage::F32,
+        Arithmetic::Matrices => Storage::F16,
+    };
+    (inputs * element.bytes() + Storage::F32.bytes()) * u64::from(outputs)
 }
 
 /// `act(film(W norm([src | src_b]) + bias) + residual)` for every token.
@@ -197,11 +219,29 @@ pub struct Linear {
     pub activation: Activation,
     /// Tiles of the map.
     pub tiles: Tiles,
+    /// On matrices its weights are packed as halves ([`crate::plan::pack::Pack::Halves`]), and [`Linear::fits_matrices`].
+    pub arithmetic: Arithmetic,
 }
 
 impl Linear {
     pub(super) fn inputs(&self) -> u32 {
         self.src.channels + self.src_b.map_or(0, |b| b.channels)
+    }
+
+    /// Whether there is a kernel on matrices for its maps: from whole vectors of halves to a map of halves; normed ones of a
+    /// power of two of channels.
+    pub fn fits_matrices(&self) -> bool {
+        self.on_matrices().is_some()
+    }
+
+    fn on_matrices(&self) -> Option<Specialisation> {
+        let special = on_matrices::linear(self.inputs(), self.dst.channels, self.norm)?;
+        let fits = self.dst.storage == Storage::F16 && on_matrices::can_load([&self.src].into_iter().chain(&self.src_b));
+        fits.then_some(special)
+    }
+
+    fn chosen(&self) -> Option<Specialisation> {
+        self.on_matrices().filter(|_| self.arithmetic == Arithmetic::Matrices)
     }
 
     /// The variant for CPU drivers that holds all inputs, where there is one for so many.
@@ -225,11 +265,10 @@ impl Linear {
 impl Kernel for Linear {
     fn contract(&self, variants: Variants) -> &'static Contract {
         let of = |f32, f16| by_storage(self.dst.storage, f32, f16);
-        let maps = [&self.src, &self.dst].into_iter().chain(&self.src_b).chain(&self.residual);
-        let cpu = variants.for_texels(&self.texels()).cpu;
-        if variants.matrix && !self.norm && fits_matrices(maps) {
-            return &contracts::LINEAR_MATRIX;
+        if self.chosen().is_some() {
+            return if self.norm { &contracts::LINEAR_NORM_MATRIX } else { &contracts::LINEAR_MATRIX };
         }
+        let cpu = variants.for_texels(&self.texels()).cpu;
         if let Some(stationary) = self.stationary().filter(|_| cpu) {
             return stationary;
         }
@@ -240,19 +279,22 @@ impl Kernel for Linear {
         }
     }
 
-    fn epilogue(&self) -> Epilogue {
+    fn specialisation(&self) -> Specialisation {
         let flags = epilogue_flags(self.activation, self.film, self.residual.as_ref());
-        Epilogue { flags, ..Epilogue::default() }
+        Specialisation { epilogue: flags, ..self.chosen().unwrap_or_default() }
     }
 
     fn groups(&self, variants: Variants) -> [u32; 3] {
         let (tiles, contract) = (self.tiles.count(self.dst.width, self.dst.height), self.contract(variants));
+        if let Some(special) = self.chosen() {
+            return on_matrices::groups_of(special, tiles, self.dst.channels);
+        }
         let channels = if contract.has("INPUTS") { self.dst.channels } else { TILE_CHANNELS };
         dense_groups(tiles, self.dst.channels, channels, contract)
     }
 
     fn tiles_a_group(&self, variants: Variants) -> u32 {
-        tiles_a_group(self.contract(variants))
+        self.chosen().map_or_else(|| tiles_a_group(self.contract(variants)), |special| special.tiles)
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {
@@ -286,7 +328,7 @@ impl Kernel for Linear {
     }
 
     fn traffic(&self) -> Traffic {
-        let weights = u64::from(self.inputs() + 1) * u64::from(self.dst.channels) * 4;
+        let weights = weight_bytes(self.inputs().into(), self.dst.channels, self.arithmetic);
         let sources: Vec<&View> = [Some(&self.src), self.src_b.as_ref()].into_iter().flatten().collect();
         let mut traffic = dense_traffic(&sources, &self.dst, self.weights, weights);
         traffic.reads.extend(self.film.map(|film| (film, u64::from(self.dst.channels) * 8)));

@@ -10,9 +10,11 @@ use super::quiet::{MAP_TILE, Sample};
 use super::{Addresses, BufferId, Kernel, PushBytes, Traffic, Variants, View, by_storage, groups};
 
 /// Most partial sums of a frame.
-const MAX_SUMS: u64 = 4096;
+const MAX_SUMS: u64 = 512;
 /// Fewest tokens worth a partial sum.
 const MIN_TOKENS_PER_SUM: u64 = 64;
+/// Invocations of a partial sum's workgroup.
+pub(super) const SUM_INVOCATIONS: u32 = 256;
 
 /// Level one: sums of consecutive tokens, row by row, of the part of a map that holds pixels of the unpadded frame.
 #[derive(Clone, Debug, PartialEq)]
@@ -78,7 +80,7 @@ impl Kernel for TokenSum {
     }
 
     fn groups(&self, _: Variants) -> [u32; 3] {
-        groups((self.sums() as u32 * self.src.channels / 4).div_ceil(64), 1)
+        groups(self.sums() as u32, 1)
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {

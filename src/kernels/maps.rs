@@ -1,6 +1,6 @@
 //! Kernels that go over a map once: depthwise convolution and layer normalisation.
 
-use super::contract::{Contract, Epilogue};
+use super::contract::{Contract, Specialisation};
 use super::contracts::{self, halves};
 use super::pushes::{Depthwise3x3Push, LayerNormPush};
 use super::{
@@ -34,8 +34,8 @@ impl Kernel for Depthwise3x3 {
         }
     }
 
-    fn epilogue(&self) -> Epilogue {
-        Epilogue { flags: activation_flag(self.activation), ..Epilogue::default() }
+    fn specialisation(&self) -> Specialisation {
+        Specialisation { epilogue: activation_flag(self.activation), ..Specialisation::default() }
     }
 
     fn groups(&self, _: Variants) -> [u32; 3] {

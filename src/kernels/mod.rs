@@ -5,6 +5,7 @@
 //! twin in [`crate::reference`].
 
 mod accesses;
+pub mod aux_projection;
 mod call;
 pub mod contract;
 pub mod contracts;
@@ -13,6 +14,7 @@ pub mod expand;
 pub mod film;
 pub mod frame_io;
 pub mod maps;
+pub mod on_matrices;
 pub mod pushes;
 pub mod quiet;
 pub mod separable;
@@ -23,7 +25,7 @@ pub mod unembed;
 pub mod window_attention;
 pub mod winograd;
 
-use contract::{Contract, Epilogue};
+use contract::{Contract, Specialisation};
 
 pub use crate::net::graph::{Activation, Shuffle};
 pub use accesses::Accesses;
@@ -57,6 +59,16 @@ impl Storage {
     }
 }
 
+/// What dense kernels compute with.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum Arithmetic {
+    /// 32-bit floats on ordinary cores.
+    #[default]
+    Floats,
+    /// Products of halves on cooperative matrices, summed in 32-bit floats.
+    Matrices,
+}
+
 /// Channels `first..first + channels` of `height` rows of a map, from row `top` on; rows of `width` tokens, `stride` channels
 /// per token. `first`, `channels` and `stride` are multiples of four, `top` one of [`TILE`]; channels beyond the network's
 /// own are zero.
@@ -84,6 +96,12 @@ impl View {
     /// Tokens.
     pub fn tokens(&self) -> u64 {
         u64::from(self.width) * u64::from(self.height)
+    }
+
+    /// Whether every token's channels are whole vectors of eight halves that begin at such.
+    pub(crate) fn is_vectors_of_halves(&self) -> bool {
+        let counts = [self.first, self.channels, self.stride];
+        self.storage == Storage::F16 && counts.iter().all(|count| count.is_multiple_of(8))
     }
 
     /// Elements that the view covers.
@@ -222,8 +240,6 @@ impl From<BufferId> for TexelRange {
 pub struct Variants {
     /// Kernels shaped for CPU drivers, on which loads cost more than arithmetic.
     pub cpu: bool,
-    /// Dense kernels on cooperative matrices, before those for CPU drivers.
-    pub matrix: bool,
     /// The frame's planes are images instead of buffers.
     pub images: bool,
     /// The output's samples are halves.
@@ -276,8 +292,8 @@ pub trait Kernel {
     /// The shader variant to run.
     fn contract(&self, variants: Variants) -> &'static Contract;
     /// What its pipeline is specialised for.
-    fn epilogue(&self) -> Epilogue {
-        Epilogue::default()
+    fn specialisation(&self) -> Specialisation {
+        Specialisation::default()
     }
     /// Workgroups to dispatch.
     fn groups(&self, variants: Variants) -> [u32; 3];
@@ -322,8 +338,8 @@ mod flags {
     pub const SAMPLES: u32 = 1 << 18;
 }
 
-impl std::fmt::Display for Epilogue {
-    /// Nothing, or such as `+residual+relu`.
+impl std::fmt::Display for Specialisation {
+    /// Nothing, or such as `+residual+relu`; on matrices with the shape, such as `/t2/i64`.
     fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
         let named = [
             (flags::FILM, "film"),
@@ -338,7 +354,10 @@ impl std::fmt::Display for Epilogue {
             set.try_for_each(|(_, name)| write!(f, "+{prefix}{name}"))
         };
         write_all("inner_", self.inner)?;
-        write_all("", self.flags)
+        write_all("", self.epilogue)?;
+        let shape =
+            [('t', self.tiles), ('i', self.inputs), ('c', self.copies), ('k', self.keys), ('v', self.values)];
+        shape.iter().filter(|(_, size)| *size > 0).try_for_each(|(name, size)| write!(f, "/{name}{size}"))
     }
 }
 

@@ -35,6 +35,16 @@ push_constants! {
 }
 
 push_constants! {
+    /// The features' projection in one.
+    AuxProjectionPush {
+        src: Address, dst: Address, pointwise_0: Address, pointwise_1: Address, pointwise_2: Address,
+        depthwise_0: Address, depthwise_1: Address, depthwise_2: Address, out_0: Address, out_1: Address, out_2: Address,
+        width: U32, height: U32, src_stride: U32, dst_stride: U32,
+        first_tile: U32, tile_columns: U32, tile_rows: U32, unused: U32,
+    }
+}
+
+push_constants! {
     /// Depthwise and pointwise convolution in one.
     Separable3x3Push {
         src: Address, dst: Address, weights: Address, film: Address, residual: Address, depthwise: Address, tiles: Address,

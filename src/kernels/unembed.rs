@@ -1,9 +1,12 @@
 //! Tokens of 2x2 pixels to pixels of three channels.
 
-use super::contract::Contract;
-use super::contracts;
+use super::contract::{Contract, Specialisation};
+use super::contracts::{self, MATRIX_SUBGROUPS};
+use super::on_matrices;
 use super::pushes::UnembedPush;
-use super::{Addresses, BufferId, Kernel, PushBytes, Storage, TexelRange, Tiles, Traffic, Variants, View, groups};
+use super::{
+    Addresses, Arithmetic, BufferId, Kernel, PushBytes, Storage, TexelRange, Tiles, Traffic, Variants, View, groups,
+};
 
 /// Rows of tokens that a pixel takes.
 pub const ROWS: u32 = 4;
@@ -20,14 +23,41 @@ pub struct Unembed {
     pub src: View,
     /// Output, of twice the size, in 32-bit floats: three channels and a zero.
     pub dst: View,
-    /// Packed weights ([`crate::plan::pack::Pack::Unembed`]).
+    /// Packed weights ([`crate::plan::pack::Pack::Unembed`]), on matrices [`crate::plan::pack::Pack::UnembedMatrix`].
     pub weights: BufferId,
     /// Tiles of the input.
     pub tiles: Tiles,
+    /// What it computes with; on matrices it [`Unembed::fits_matrices`].
+    pub arithmetic: Arithmetic,
+}
+
+/// Tokens of each direction that a token's four pixels take.
+pub const TAPS: u32 = 5;
+/// Sets of weights on matrices: away from the frame's border in y, at the top, at the bottom, times the same in x.
+pub const MATRIX_SETS: u32 = 9;
+/// Outputs on matrices: four for each of four pixels.
+pub const MATRIX_OUTPUTS: u32 = 16;
+
+impl Unembed {
+    /// Whether there is a kernel on matrices for its map: whole vectors of halves.
+    pub fn fits_matrices(&self) -> bool {
+        self.on_matrices().is_some()
+    }
+
+    fn on_matrices(&self) -> Option<Specialisation> {
+        on_matrices::unembed(self.src.channels).filter(|_| on_matrices::can_load([&self.src]))
+    }
+
+    fn chosen(&self) -> Option<Specialisation> {
+        self.on_matrices().filter(|_| self.arithmetic == Arithmetic::Matrices)
+    }
 }
 
 impl Kernel for Unembed {
     fn contract(&self, variants: Variants) -> &'static Contract {
+        if self.chosen().is_some() {
+            return &contracts::UNEMBED_MATRIX;
+        }
         match (variants.for_texels(&self.texels()).cpu, self.src.storage) {
             (true, _) => &contracts::UNEMBED_CPU,
             (false, Storage::F32) => &contracts::UNEMBED,
@@ -35,14 +65,19 @@ impl Kernel for Unembed {
         }
     }
 
-    fn groups(&self, variants: Variants) -> [u32; 3] {
-        // One of a token's two rows of pixels.
-        groups(self.tiles.count(self.src.width, self.src.height).div_ceil(self.tiles_a_group(variants)), 2)
+    fn specialisation(&self) -> Specialisation {
+        self.chosen().unwrap_or_default()
     }
 
-    /// Of 64 invocations, each with so many tokens in a row.
+    fn groups(&self, variants: Variants) -> [u32; 3] {
+        // Without matrices one of a token's two rows of pixels.
+        let rows = if self.chosen().is_some() { 1 } else { 2 };
+        groups(self.tiles.count(self.src.width, self.src.height).div_ceil(self.tiles_a_group(variants)), rows)
+    }
+
+    /// Of 64 invocations, each with so many tokens in a row; on matrices one for each subgroup.
     fn tiles_a_group(&self, variants: Variants) -> u32 {
-        self.contract(variants).define("TX") as u32
+        if self.chosen().is_some() { MATRIX_SUBGROUPS } else { self.contract(variants).define("TX") as u32 }
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {
@@ -68,7 +103,10 @@ impl Kernel for Unembed {
 
     fn traffic(&self) -> Traffic {
         // Almost every token takes the weights of no border.
-        let weights = u64::from(2 * ROWS * self.src.channels / 4 * BLOCK + 1) * 16;
+        let weights = match self.chosen() {
+            Some(_) => u64::from(TAPS * TAPS * self.src.channels * MATRIX_OUTPUTS) * 2 + 16,
+            None => u64::from(2 * ROWS * self.src.channels / 4 * BLOCK + 1) * 16,
+        };
         Traffic {
             reads: vec![(self.src.buffer, self.src.bytes()), (self.weights, weights)],
             writes: vec![(self.dst.buffer, self.dst.bytes())],

@@ -1,9 +1,13 @@
 //! Joint self-attention in windows of 8x8 tokens.
 
-use super::contract::Contract;
+use super::contract::{Contract, Specialisation};
 use super::contracts::{self, halves};
+use super::on_matrices;
 use super::pushes::WindowAttentionPush;
-use super::{Addresses, BufferId, Kernel, PushBytes, TexelRange, Tiles, Traffic, Variants, View, by_storage, groups};
+use super::{
+    Addresses, Arithmetic, BufferId, Kernel, PushBytes, Storage, TexelRange, Tiles, Traffic, Variants, View, by_storage,
+    groups,
+};
 
 /// Head by head: `softmax((Q K^T / sqrt(d) + B) * (Qf Kf^T / sqrt(d) + B)) V`, the product element by element.
 #[derive(Clone, Debug, PartialEq)]
@@ -12,7 +16,8 @@ pub struct WindowAttention {
     pub x: View,
     /// `[Qf | Kf]`, each head-major.
     pub f: View,
-    /// Packed bias table: 228 values a head, entry `(dy + 7) * 15 + dx + 7`, query minus key position; 3 of padding.
+    /// Packed bias table: 228 values a head, entry `(dy + 7) * 15 + dx + 7`, query minus key position; 3 of padding. On
+    /// matrices a value for every query and key of a head, `[64, 64]`.
     pub bias: BufferId,
     /// The attended values, head-major.
     pub dst: View,
@@ -24,10 +29,32 @@ pub struct WindowAttention {
     pub value_width: u32,
     /// Windows of the map.
     pub tiles: Tiles,
+    /// What it computes with; on matrices it [`WindowAttention::fits_matrices`].
+    pub arithmetic: Arithmetic,
+}
+
+impl WindowAttention {
+    /// Whether there is a kernel on matrices for its maps: whole vectors of halves, and widths that the subgroups' matrices
+    /// divide and shared memory holds.
+    pub fn fits_matrices(&self) -> bool {
+        self.on_matrices().is_some()
+    }
+
+    fn on_matrices(&self) -> Option<Specialisation> {
+        let special = on_matrices::window_attention(self.key_width, self.value_width)?;
+        (self.dst.storage == Storage::F16 && on_matrices::can_load([&self.x, &self.f])).then_some(special)
+    }
+
+    fn chosen(&self) -> Option<Specialisation> {
+        self.on_matrices().filter(|_| self.arithmetic == Arithmetic::Matrices)
+    }
 }
 
 impl Kernel for WindowAttention {
     fn contract(&self, variants: Variants) -> &'static Contract {
+        if self.chosen().is_some() {
+            return &contracts::WINDOW_ATTENTION_MATRIX;
+        }
         let of = |f32, f16| by_storage(self.dst.storage, f32, f16);
         match (variants.for_texels(&self.texels()).cpu, self.key_width, self.value_width) {
             (true, 8, 16) => of(&contracts::WINDOW_ATTENTION_V16_CPU, &halves::WINDOW_ATTENTION_V16_CPU),
@@ -37,6 +64,10 @@ impl Kernel for WindowAttention {
             (true, ..) => of(&contracts::WINDOW_ATTENTION_CPU, &halves::WINDOW_ATTENTION_CPU),
             (false, ..) => of(&contracts::WINDOW_ATTENTION, &halves::WINDOW_ATTENTION),
         }
+    }
+
+    fn specialisation(&self) -> Specialisation {
+        self.chosen().unwrap_or_default()
     }
 
     fn groups(&self, _: Variants) -> [u32; 3] {
@@ -74,7 +105,7 @@ impl Kernel for WindowAttention {
             reads: vec![
                 (self.x.buffer, self.x.bytes()),
                 (self.f.buffer, self.f.bytes()),
-                (self.bias, u64::from(self.heads) * 900),
+                (self.bias, u64::from(self.heads) * if self.chosen().is_some() { 4 * 64 * 64 } else { 900 }),
             ],
             writes: vec![(self.dst.buffer, self.dst.bytes())],
         }

@@ -1,6 +1,6 @@
 //! Dense 3x3 convolution of stride 1 by Winograd's minimal filtering.
 
-use super::contract::{Contract, Epilogue};
+use super::contract::{Contract, Specialisation};
 use super::contracts::{self, halves};
 use super::dense::Conv3x3;
 use super::{Addresses, Kernel, PushBytes, TexelRange, Traffic, Variants, by_storage, groups};
@@ -54,8 +54,8 @@ impl Kernel for Winograd3x3 {
         }
     }
 
-    fn epilogue(&self) -> Epilogue {
-        self.conv.epilogue()
+    fn specialisation(&self) -> Specialisation {
+        self.conv.specialisation()
     }
 
     fn groups(&self, variants: Variants) -> [u32; 3] {

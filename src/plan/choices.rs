@@ -6,7 +6,7 @@ use super::quiet_mode::QuietMode;
 use crate::kernels::dense::TILE_CHANNELS;
 use crate::kernels::separable::Separable3x3;
 use crate::kernels::winograd::WinogradTile;
-use crate::kernels::{Call, Storage};
+use crate::kernels::{Arithmetic, Call, Storage};
 use crate::net::Folds;
 use crate::net::graph::{ConvWeight, Graph, OpKind, Shuffle};
 use serde::{Deserialize, Serialize};
@@ -33,17 +33,21 @@ pub struct PlanOptions {
     pub separable: SeparableForm,
     /// How feature maps are stored. Log colour and residual are 32-bit floats always.
     pub storage: Storage,
+    /// What dense kernels compute with, where one on matrices takes their maps: those of halves.
+    pub arithmetic: Arithmetic,
     /// Bytes that a map between consecutive operations may take; where it would take more, they run band by band of the frame.
     /// Not where quiet tiles are left out.
     pub max_chain_bytes: u64,
 }
 
 /// [`PlanOptions::max_chain_bytes`] where nothing is said. Smaller bands compute more twice, larger ones take more memory: 32-bit
-/// floats leave room in 2 GiB for a frame of 3840x2160, halves just fit 1 GiB.
-pub const fn max_chain_bytes(storage: Storage) -> u64 {
-    match storage {
-        Storage::F32 => 128 << 20,
-        Storage::F16 => 24 << 20,
+/// floats leave room in 2 GiB for a frame of 3840x2160, halves just fit 1 GiB. On matrices, whose kernels are short, each more
+/// dispatch counts.
+pub const fn max_chain_bytes(storage: Storage, arithmetic: Arithmetic) -> u64 {
+    match (storage, arithmetic) {
+        (Storage::F32, _) => 128 << 20,
+        (Storage::F16, Arithmetic::Floats) => 24 << 20,
+        (Storage::F16, Arithmetic::Matrices) => 96 << 20,
     }
 }
 
@@ -60,8 +64,23 @@ impl Default for PlanOptions {
             conv_table: ConvTable::default(),
             separable: SeparableForm::default(),
             storage: Storage::F32,
-            max_chain_bytes: max_chain_bytes(Storage::F32),
+            arithmetic: Arithmetic::Floats,
+            max_chain_bytes: max_chain_bytes(Storage::F32, Arithmetic::Floats),
         }
+    }
+}
+
+impl PlanOptions {
+    /// The forms and folds that suit a GPU, as far as GPUs were measured (`docs/performance.md`).
+    pub fn for_gpu(storage: Storage, arithmetic: Arithmetic) -> Self {
+        let (folds, separable) = match arithmetic {
+            // A workgroup stages a token's channels once for all of its outputs.
+            Arithmetic::Matrices => (Folds::ALL, SeparableForm::Fused),
+            // No kernel holds all channels of a token, and a norm would be found anew for every 32 outputs.
+            Arithmetic::Floats => (Folds::EVERYWHERE, SeparableForm::TwoKernels),
+        };
+        let max_chain_bytes = max_chain_bytes(storage, arithmetic);
+        Self { folds, separable, storage, arithmetic, max_chain_bytes, ..Self::default() }
     }
 }
 

@@ -4,6 +4,7 @@
 
 use super::{Buffer, Dispatch, Place};
 use crate::frame::Extent;
+use crate::kernels::aux_projection::REACH;
 use crate::kernels::dense::Conv3x3;
 use crate::kernels::expand::Expand;
 use crate::kernels::{BufferId, Call, HALF_TILE, Shuffle, Tiles, View};
@@ -83,7 +84,11 @@ fn chain(dispatches: &[Dispatch]) -> Vec<bool> {
         let feeds = traffic.writes.iter().any(|(id, _)| read.contains(id));
         let spatial = matches!(
             dispatch.call,
-            Call::Conv3x3(_) | Call::Winograd3x3(_) | Call::Depthwise3x3(_) | Call::Separable3x3(_)
+            Call::Conv3x3(_)
+                | Call::Winograd3x3(_)
+                | Call::Depthwise3x3(_)
+                | Call::Separable3x3(_)
+                | Call::AuxProjection(_)
         );
         *part = dispatch.of_features && has_map && (feeds || spatial);
         if *part {
@@ -112,6 +117,7 @@ fn small_size(dispatches: &[Dispatch], chain: &[bool], padded: Extent, multiple:
             Call::Conv3x3(conv) => conv_margin(conv, read),
             Call::Winograd3x3(winograd) => conv_margin(&winograd.conv, read),
             Call::Depthwise3x3(_) | Call::Separable3x3(_) => read + 1,
+            Call::AuxProjection(_) => read + REACH,
             _ => read,
         };
         for (view, _) in views.iter().filter(|(_, written)| *written) {
@@ -180,6 +186,10 @@ fn for_views(call: &mut Call, mut each: impl FnMut(&mut View, bool)) {
             each(&mut k.dst, true);
         }
         Call::Depthwise3x3(k) => {
+            each(&mut k.src, false);
+            each(&mut k.dst, true);
+        }
+        Call::AuxProjection(k) => {
             each(&mut k.src, false);
             each(&mut k.dst, true);
         }

@@ -38,6 +38,7 @@ pub fn plan(graph: &Graph, extent: Extent, options: &PlanOptions) -> Result<Plan
 pub fn plan_part(graph: &Graph, extent: Extent, options: &PlanOptions) -> Result<Plan> {
     let graph = graph.folded(options.folds);
     let mut lowering = Lowering::new(&graph, extent, padded(&graph, extent)?, options);
+    lowering.is_part = true;
     let kept = [graph.color, graph.aux, graph.residual].map(|value| lowering.value(value));
     lowering.ops();
     lowering.finish(&kept).map_err(|bytes| map_too_large(extent, bytes, options))
@@ -76,6 +77,8 @@ pub(super) struct Lowering<'a> {
     pub dispatches: Vec<Dispatch>,
     /// The band that operations are lowered for, where a chain of them runs band by band.
     pub band: Option<Band>,
+    /// Whether the graph is a network's part, whose input and result are maps like all others.
+    is_part: bool,
     /// Buffer of every value that has one.
     values: HashMap<ValueId, BufferId>,
     packs: HashMap<Pack, BufferId>,
@@ -94,6 +97,7 @@ impl<'a> Lowering<'a> {
             buffers: Vec::new(),
             dispatches: Vec::new(),
             band: None,
+            is_part: false,
             values: HashMap::new(),
             packs: HashMap::new(),
             partials: HashMap::new(),
@@ -126,7 +130,7 @@ impl<'a> Lowering<'a> {
 
     /// How a value is stored: the network's maps as the options say, its input and result in full.
     fn storage(&self, id: ValueId) -> Storage {
-        let full = [self.graph.color, self.graph.residual].contains(&id);
+        let full = !self.is_part && [self.graph.color, self.graph.residual].contains(&id);
         let is_map = matches!(self.graph.value(id).shape, Shape::Map { .. });
         if is_map && !full { self.options.storage } else { Storage::F32 }
     }

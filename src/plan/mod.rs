@@ -3,6 +3,7 @@
 
 pub mod active;
 mod arena;
+mod aux_projection;
 mod bands;
 mod choices;
 mod conv_table;

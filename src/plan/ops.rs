@@ -5,12 +5,15 @@ use super::conv_table::ConvShape;
 use super::lower::{Lowering, Partials};
 use super::pack::{Pack, linear_outputs};
 use crate::kernels::winograd::Winograd3x3;
-use crate::kernels::{Call, Storage, Tiles, View, dense, film, maps, unembed, window_attention};
+use crate::kernels::{Arithmetic, BufferId, Call, Storage, Tiles, View, dense, film, maps, unembed, window_attention};
 use crate::net::graph::{Op, OpKind, Slice, conv_outputs};
 
 impl Lowering<'_> {
     /// The kernel of the operation at `at` and of those that it swallows, the FLOPs of all of them, and how many they are.
     pub(super) fn ops_at(&mut self, at: usize) -> (Call, u64, usize) {
+        if let Some(projection) = self.aux_projection(at) {
+            return projection;
+        }
         let graph = self.graph;
         let op = &graph.ops[at];
         let (call, flops) = (self.op(op), self.flops(op));
@@ -23,7 +26,7 @@ impl Lowering<'_> {
     }
 
     /// The kernel of an operation. Kernels that must run before it are pushed.
-    fn op(&mut self, op: &Op) -> Call {
+    pub(super) fn op(&mut self, op: &Op) -> Call {
         match &op.kind {
             OpKind::Conv3x3 { input, weight, bias, stride, activation, shuffle, film, residual, output } => {
                 let channels = conv_outputs(*shuffle, *output);
@@ -31,49 +34,66 @@ impl Lowering<'_> {
                 let (src, dst) = (self.view(*input), self.view(*output));
                 let shape = ConvShape::new(&src, channels, *stride, self.padded.width);
                 let form = |shape| self.options.conv_table.get(shape).unwrap_or(self.options.conv);
-                let tile = shape.and_then(|shape| form(shape).tile()).filter(|_| src.storage == dst.storage);
-                let pack = conv_pack(weight, *bias, (input.channels, channels), *shuffle, tile);
-                let conv = dense::Conv3x3 {
+                let mut conv = dense::Conv3x3 {
                     src,
                     dst,
                     channels: channels.next_multiple_of(4),
-                    weights: self.pack(&op.name, pack),
+                    weights: BufferId(0),
                     film: film.map(|film| self.value(film)),
                     residual: residual.map(|residual| self.view(residual)),
                     stride: *stride,
                     activation: *activation,
                     shuffle: *shuffle,
                     tiles: Tiles::All,
+                    arithmetic: Arithmetic::Floats,
                 };
+                conv.arithmetic = self.arithmetic(conv.fits_matrices());
+                let tile = match conv.arithmetic {
+                    Arithmetic::Floats => shape.and_then(|shape| form(shape).tile()).filter(|_| src.storage == dst.storage),
+                    Arithmetic::Matrices => None,
+                };
+                let pack = conv_pack(weight, *bias, (input.channels, channels), *shuffle, tile);
+                conv.weights = self.dense_pack(&op.name, pack, conv.arithmetic);
                 match tile {
                     Some(tile) => Call::Winograd3x3(Winograd3x3 { conv, tile }),
                     None => Call::Conv3x3(conv),
                 }
             }
             OpKind::Unembed { input, spread, gather, output } => {
-                let inputs = input.channels;
-                let pack = Pack::Unembed { spread: spread.clone(), gather: gather.clone(), inputs };
-                Call::Unembed(unembed::Unembed {
+                let mut call = unembed::Unembed {
                     src: self.view(*input),
                     dst: self.view(*output),
-                    weights: self.pack(&op.name, pack),
+                    weights: BufferId(0),
                     tiles: Tiles::All,
-                })
+                    arithmetic: Arithmetic::Floats,
+                };
+                call.arithmetic = self.arithmetic(call.fits_matrices());
+                let (spread, gather, inputs) = (spread.clone(), gather.clone(), input.channels);
+                let pack = match call.arithmetic {
+                    Arithmetic::Floats => Pack::Unembed { spread, gather, inputs },
+                    Arithmetic::Matrices => Pack::UnembedMatrix { spread, gather, inputs },
+                };
+                call.weights = self.pack(&op.name, pack);
+                Call::Unembed(call)
             }
             OpKind::Linear { inputs, weight, activation, film, residual, output } => {
                 debug_assert_eq!(linear_outputs(weight), output.channels, "{}", op.name);
                 let views: Vec<View> = inputs.iter().map(|input| self.view(*input)).collect();
-                Call::Linear(dense::Linear {
+                let mut linear = dense::Linear {
                     src: views[0],
                     src_b: views.get(1).copied(),
                     norm: weight.norm.is_some(),
                     dst: self.view(*output),
-                    weights: self.pack(&op.name, Pack::Linear(weight.clone())),
+                    weights: BufferId(0),
                     film: film.map(|film| self.value(film)),
                     residual: residual.map(|residual| self.view(residual)),
                     activation: *activation,
                     tiles: Tiles::All,
-                })
+                    arithmetic: Arithmetic::Floats,
+                };
+                linear.arithmetic = self.arithmetic(linear.fits_matrices());
+                linear.weights = self.dense_pack(&op.name, Pack::Linear(weight.clone()), linear.arithmetic);
+                Call::Linear(linear)
             }
             OpKind::Depthwise3x3 { input, weight, activation, output } => {
                 let pack = Pack::Depthwise { weight: weight.clone(), channels: input.channels };
@@ -90,17 +110,25 @@ impl Lowering<'_> {
                 self.layer_norm(*input, norm, dst)
             }
             OpKind::WindowAttention { x, f, bias_table, heads, key_width, value_width, output } => {
-                let pack = Pack::BiasTable { table: bias_table.clone(), heads: *heads };
-                Call::WindowAttention(window_attention::WindowAttention {
+                let mut attention = window_attention::WindowAttention {
                     x: self.whole(*x),
                     f: self.whole(*f),
-                    bias: self.pack(bias_table, pack),
+                    bias: BufferId(0),
                     dst: self.whole(*output),
                     heads: *heads,
                     key_width: *key_width,
                     value_width: *value_width,
                     tiles: Tiles::All,
-                })
+                    arithmetic: Arithmetic::Floats,
+                };
+                attention.arithmetic = self.arithmetic(attention.fits_matrices());
+                let (table, heads) = (bias_table.clone(), *heads);
+                let pack = match attention.arithmetic {
+                    Arithmetic::Floats => Pack::BiasTable { table, heads },
+                    Arithmetic::Matrices => Pack::BiasMatrix { table, heads },
+                };
+                attention.bias = self.pack(bias_table, pack);
+                Call::WindowAttention(attention)
             }
             OpKind::FilmMean { input, norm, output } => {
                 // Normed in a map of its own, then summed.
@@ -144,6 +172,19 @@ impl Lowering<'_> {
                 })
             }
         }
+    }
+
+    /// What a kernel computes with that could, or could not, on matrices.
+    fn arithmetic(&self, fits_matrices: bool) -> Arithmetic {
+        if fits_matrices { self.options.arithmetic } else { Arithmetic::Floats }
+    }
+
+    fn dense_pack(&mut self, name: &str, pack: Pack, arithmetic: Arithmetic) -> BufferId {
+        let pack = match arithmetic {
+            Arithmetic::Floats => pack,
+            Arithmetic::Matrices => Pack::Halves(Box::new(pack)),
+        };
+        self.pack(name, pack)
     }
 
     fn layer_norm(&mut self, input: Slice, norm: &str, dst: View) -> Call {

@@ -1,15 +1,19 @@
-//! How weights lie in device memory: 32-bit, in the order in which a kernel reads them, padded with zeros to what it
-//! computes at once.
+//! How weights lie in device memory: in the order in which a kernel reads them, padded with zeros to what it computes at
+//! once, as 32-bit floats or, for matrices, halves.
 
 use super::{unembed, winograd};
 use crate::kernels::dense::{TILE_CHANNELS, conv_tile_channels};
+use crate::kernels::on_matrices::DEPTH;
 use crate::kernels::winograd::{WINOGRAD_CHANNELS, WinogradTile};
 use crate::net::graph::{ConvWeight, LinearWeight};
 use crate::net::weights::{Weights, WeightsError};
+use half::f16;
 
 /// Values of a head's bias table, padded.
 pub const BIAS_TABLE_STRIDE: usize = 228;
 const BIAS_TABLE: usize = 225;
+/// Tokens of a window.
+const WINDOW: usize = 64;
 
 /// What one packed buffer holds, by the names of the tensors.
 #[derive(Clone, Debug, PartialEq, Eq, Hash)]
@@ -56,6 +60,15 @@ pub enum Pack {
         /// Input channels.
         inputs: u32,
     },
+    /// The same for the kernel on matrices: `[bias | halves: [set of 9][tap of 5x5][input][pixel of 4][output of 4]]`.
+    UnembedMatrix {
+        /// Tensor prefix of the first convolution.
+        spread: String,
+        /// Tensor prefix of the second.
+        gather: String,
+        /// Input channels.
+        inputs: u32,
+    },
     /// The same as [`Pack::Conv3x3`] with one tap. A norm's gain and bias are multiplied in.
     Linear(LinearWeight),
     /// `[bias | 9 taps]`, each of all channels.
@@ -79,6 +92,16 @@ pub enum Pack {
         /// Heads.
         heads: u32,
     },
+    /// The same for kernels on matrices: of every head `[query][key]`, each of a window's 64 tokens.
+    BiasMatrix {
+        /// The tensor, `[225, heads]`.
+        table: String,
+        /// Heads.
+        heads: u32,
+    },
+    /// A [`Pack::Conv3x3`] or a [`Pack::Linear`] for kernels on matrices: the same order, the biases 32-bit floats, the rest
+    /// halves, the rows of a tile of outputs filled up with zeros to a multiple of [`DEPTH`].
+    Halves(Box<Pack>),
     /// `[bias | matrix row by row]`.
     FilmVector {
         /// Tensor prefix.
@@ -91,7 +114,7 @@ pub enum Pack {
 }
 
 impl Pack {
-    /// 32-bit floats that the packed form takes.
+    /// 32-bit words that the packed form takes.
     pub fn len(&self) -> usize {
         let dense = |inputs: u32, outputs: u32, taps: u32, tile: u32| {
             let outputs = outputs.next_multiple_of(tile) as usize;
@@ -103,10 +126,16 @@ impl Pack {
                 dense(*inputs, *outputs, tile.inputs().pow(2), WINOGRAD_CHANNELS)
             }
             Self::Unembed { inputs, .. } => unembed::len(*inputs),
+            Self::UnembedMatrix { inputs, .. } => unembed::matrix_len(*inputs),
             Self::Linear(w) => dense(w.columns.len() as u32, linear_outputs(w), 1, TILE_CHANNELS),
             Self::Depthwise { channels, .. } => 10 * *channels as usize,
             Self::Norm { channels, .. } => 2 * *channels as usize,
             Self::BiasTable { heads, .. } => BIAS_TABLE_STRIDE * *heads as usize,
+            Self::BiasMatrix { heads, .. } => WINDOW * WINDOW * *heads as usize,
+            Self::Halves(pack) => {
+                let rows = pack.rows();
+                rows.biases + rows.biases * rows.count.next_multiple_of(DEPTH as usize) / 2
+            }
             Self::FilmVector { inputs, outputs, .. } => (*outputs * (*inputs + 1)) as usize,
         }
     }
@@ -116,11 +145,55 @@ impl Pack {
         self.len() == 0
     }
 
-    /// Writes the packed form to `out`, which is zeroed and [`Pack::len`] long.
+    /// The biases and rows of a dense matrix; of other packs none.
+    fn rows(&self) -> Rows {
+        let (rows, outputs, tile) = match self {
+            Self::Conv3x3 { inputs, outputs, .. } => (9 * inputs.next_multiple_of(4), *outputs, conv_tile_channels(*outputs)),
+            Self::Linear(w) => ((w.columns.len() as u32).next_multiple_of(4), linear_outputs(w), TILE_CHANNELS),
+            _ => (0, 0, TILE_CHANNELS),
+        };
+        Rows { biases: outputs.next_multiple_of(tile) as usize, count: rows as usize, width: tile as usize }
+    }
+
+    /// The packed form as 32-bit words; those of halves hold two each.
     ///
     /// # Errors
     /// A tensor that the weights lack.
-    pub fn write(&self, weights: &Weights, out: &mut [f32]) -> Result<(), WeightsError> {
+    pub fn words(&self, weights: &Weights) -> Result<Vec<u32>, WeightsError> {
+        if let Self::UnembedMatrix { spread, gather, inputs } = self {
+            let (spread, gather, inputs) = (spread.clone(), gather.clone(), *inputs);
+            let floats = Self::Unembed { spread, gather, inputs }.floats(weights)?;
+            return Ok(unembed::matrix_words(&floats, inputs as usize));
+        }
+        let pack = match self {
+            Self::Halves(pack) => pack,
+            other => other,
+        };
+        let floats = pack.floats(weights)?;
+        let bits = |floats: &[f32]| floats.iter().map(|value| value.to_bits()).collect::<Vec<_>>();
+        if !matches!(self, Self::Halves(_)) {
+            return Ok(bits(&floats));
+        }
+        let rows = pack.rows();
+        let (biases, matrix) = floats.split_at(rows.biases);
+        let mut words = bits(biases);
+        let padding = (rows.count.next_multiple_of(DEPTH as usize) - rows.count) * rows.width / 2;
+        for tile in matrix.chunks_exact((rows.count * rows.width).max(1)) {
+            words.extend(tile.chunks_exact(2).map(halves));
+            words.extend(std::iter::repeat_n(0, padding));
+        }
+        Ok(words)
+    }
+
+    /// The packed form of 32-bit floats alone.
+    fn floats(&self, weights: &Weights) -> Result<Vec<f32>, WeightsError> {
+        let mut floats = vec![0.0; self.len()];
+        self.write(weights, &mut floats)?;
+        Ok(floats)
+    }
+
+    /// Writes the packed form to `out`, which is zeroed and [`Pack::len`] long.
+    fn write(&self, weights: &Weights, out: &mut [f32]) -> Result<(), WeightsError> {
         let tensor = |prefix: &str, name: &str| -> Result<&Vec<f32>, WeightsError> {
             Ok(&weights.tensor(&format!("{prefix}.{name}"))?.data)
         };
@@ -208,6 +281,16 @@ impl Pack {
                     }
                 }
             }
+            Self::BiasMatrix { table, heads } => {
+                let source = &weights.tensor(table)?.data;
+                for (at, value) in out.iter_mut().enumerate() {
+                    let (head, query, key) = (at / (WINDOW * WINDOW), at / WINDOW % WINDOW, at % WINDOW);
+                    let [dy, dx] = [query / 8 + 7 - key / 8, query % 8 + 7 - key % 8];
+                    *value = source[(dy * 15 + dx) * *heads as usize + head];
+                }
+            }
+            // Their words are made of those of another pack.
+            Self::Halves(_) | Self::UnembedMatrix { .. } => {}
             Self::FilmVector { weight, outputs, .. } => {
                 let (bias, matrix) = out.split_at_mut(*outputs as usize);
                 bias.copy_from_slice(tensor(weight, "bias")?);
@@ -216,6 +299,22 @@ impl Pack {
         }
         Ok(())
     }
+}
+
+const LARGEST_HALF: f32 = 65504.0;
+
+/// Two values as halves in a word, the first in its lower part.
+pub(super) fn halves(pair: &[f32]) -> u32 {
+    // Larger values would become infinite, and the sums NaN.
+    let half = |value: &f32| u32::from(f16::from_f32(value.clamp(-LARGEST_HALF, LARGEST_HALF)).to_bits());
+    pair.iter().rev().fold(0, |word, value| word << 16 | half(value))
+}
+
+/// A dense matrix as it is packed: tiles of `width` outputs, of each `count` rows.
+struct Rows {
+    biases: usize,
+    count: usize,
+    width: usize,
 }
 
 /// Outputs of all parts together.

@@ -327,7 +327,6 @@ fn part(merged: &[(Dispatch, For)], scopes: &[Scope], padded: Extent) -> (Vec<Li
 
 /// The most workgroups in y that a call has in any variant.
 fn largest_y(call: &Call) -> u32 {
-    let variants = [(false, false), (true, false), (false, true)];
-    let variants = variants.map(|(cpu, matrix)| Variants { cpu, matrix, images: false, output_half: false });
+    let variants = [false, true].map(|cpu| Variants { cpu, images: false, output_half: false });
     variants.into_iter().map(|variants| call.kernel().groups(variants)[1]).max().unwrap_or(1)
 }

@@ -10,6 +10,7 @@
 
 use super::{Dispatch, Plan};
 use crate::frame::Region;
+use crate::kernels::aux_projection::REACH;
 use crate::kernels::dense::Conv3x3;
 use crate::kernels::frame_io::Output;
 use crate::kernels::winograd::Winograd3x3;
@@ -184,6 +185,11 @@ impl Needed {
             Call::Depthwise3x3(depthwise) => {
                 let rect = self.within(&depthwise.dst, &depthwise.tiles);
                 self.add_around(&depthwise.src, rect, 1);
+                rect
+            }
+            Call::AuxProjection(projection) => {
+                let rect = self.within(&projection.dst, &projection.tiles);
+                self.add_within(&projection.src, rect, REACH);
                 rect
             }
             Call::LayerNorm(norm) => {

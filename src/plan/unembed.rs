@@ -4,7 +4,8 @@
 //! token meets the tokens from `d - 2` to `d + 1` of each direction. Beyond the frame the second reads zeros, not what the
 //! first would make there: weights of a border leave out that tap.
 
-use crate::kernels::unembed::{BLOCK, ROWS, SETS};
+use super::pack::halves;
+use crate::kernels::unembed::{BLOCK, MATRIX_OUTPUTS, MATRIX_SETS, ROWS, SETS, TAPS};
 
 /// 32-bit floats of the packed form.
 pub fn len(inputs: u32) -> usize {
@@ -49,4 +50,33 @@ pub fn write((spread, gather): (&[f32], &[f32]), bias: &[f32], inputs: usize, ou
     for (weight, sum) in matrix.iter_mut().zip(sums) {
         *weight = sum as f32;
     }
+}
+
+/// 32-bit words of the form for matrices.
+pub fn matrix_len(inputs: u32) -> usize {
+    4 + (MATRIX_SETS * TAPS * TAPS * inputs * MATRIX_OUTPUTS / 2) as usize
+}
+
+/// The form for matrices, from the packed form of 32-bit floats.
+pub fn matrix_words(packed: &[f32], inputs: usize) -> Vec<u32> {
+    let (bias, packed) = packed.split_at(4);
+    let [sets, rows, block, taps] = [SETS, ROWS, BLOCK, TAPS].map(|n| n as usize);
+    let value = |set: usize, (tap_y, tap_x): (usize, usize), k: usize, n: usize| {
+        let (dy, dx, channel) = (n / 8, n / 4 % 2, n % 4);
+        // A border on the other side does not concern these pixels.
+        let border_y = usize::from(set / 3 == 1 + dy);
+        let row = tap_y.checked_sub(dy).filter(|row| *row < rows)?;
+        let column = tap_x.checked_sub(dx).filter(|column| *column < 4)?;
+        let vector = ((dy * sets + border_y * 3 + set % 3) * rows + row) * inputs.div_ceil(4) + k / 4;
+        Some(packed[4 * (vector * block + k % 4 * 8 + dx * 4 + column) + channel])
+    };
+    let mut words: Vec<u32> = bias.iter().map(|value| value.to_bits()).collect();
+    for (set, tap) in (0..MATRIX_SETS as usize).flat_map(|set| (0..taps * taps).map(move |tap| (set, tap))) {
+        for k in 0..inputs {
+            let outputs: [f32; MATRIX_OUTPUTS as usize] =
+                std::array::from_fn(|n| value(set, (tap / taps, tap % taps), k, n).unwrap_or(0.0));
+            words.extend(outputs.chunks_exact(2).map(halves));
+        }
+    }
+    words
 }

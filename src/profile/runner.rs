@@ -2,7 +2,7 @@
 
 use super::{KernelRecord, Profiler};
 use crate::denoiser::Precision;
-use crate::engine::{Engine, wants_matrices};
+use crate::engine::{Engine, wanted_arithmetic, wanted_storage};
 use crate::error::Result;
 use crate::frame::Extent;
 use crate::kernels::FrameArgs;
@@ -39,7 +39,7 @@ pub struct PartRunner {
 
 impl PartRunner {
     /// Plans `graph` for maps of `extent` tokens and puts it on the device. `options` chooses among lowerings; its limit on
-    /// memory is lowered to the device's own. `precision` is as in [`crate::Options`].
+    /// memory is lowered to the device's own, and `precision`, as in [`crate::Options`], says how maps are stored and what computes.
     ///
     /// # Errors
     /// As [`crate::Denoiser::new`] and [`crate::Denoiser::pass`]; [`crate::Error::Binding`] on a renderer's device.
@@ -52,11 +52,10 @@ impl PartRunner {
         precision: Precision,
     ) -> Result<Self> {
         let limit = Engine::max_block_bytes(device).min(options.max_block_bytes);
-        let options = PlanOptions { max_block_bytes: limit, ..*options };
+        let (storage, arithmetic) = (wanted_storage(device, precision)?, wanted_arithmetic(device, precision)?);
+        let options = PlanOptions { max_block_bytes: limit, storage, arithmetic, ..*options };
         let plan = plan_part(graph, extent, &options)?;
-        let mut engine = Engine::of_plan(device, graph.clone(), &plan, weights, options)?;
-        engine.matrix = wants_matrices(device, precision)?;
-        let engine = Arc::new(engine);
+        let engine = Arc::new(Engine::of_plan(device, graph.clone(), &plan, weights, options)?);
         let pass = Pass::of_plan(&engine, plan)?;
         // SAFETY: no images.
         let binding = unsafe { pass.bind(None, engine.variants(), FrameArgs::default()) }?;

@@ -39,6 +39,7 @@ impl Shape {
                 of(k.dst.width, k.dst.height, inputs, k.dst.channels)
             }
             Call::Separable3x3(k) => between(&k.depthwise.src, &k.pointwise.dst),
+            Call::AuxProjection(k) => between(&k.src, &k.dst),
             Call::Depthwise3x3(k) => between(&k.src, &k.dst),
             Call::Unembed(k) => of(k.src.width, k.src.height, k.src.channels, 4 * k.dst.channels),
             Call::LayerNorm(k) => between(&k.src, &k.dst),

@@ -43,7 +43,7 @@ impl Reference<'_> {
         self.store(&result, &call.dst, &tiles, |x, y, channel| (x, y, channel));
     }
 
-    fn matrix(&self, weights: BufferId) -> &Matrix {
+    pub(super) fn matrix(&self, weights: BufferId) -> &Matrix {
         match self.parameters(weights) {
             Parameters::Dense(matrix) => matrix,
             other => unreachable!("a dense kernel is given {other:?}"),

@@ -6,6 +6,7 @@ use super::map::Map;
 use super::parallel::for_each_row;
 use super::parameters::Parameters;
 use crate::kernels::maps::{Depthwise3x3, LayerNorm};
+use crate::kernels::{Activation, BufferId};
 
 /// Added to the variance under the root.
 const EPSILON: f64 = 1e-5;
@@ -20,8 +21,13 @@ pub fn depthwise3x3(reference: &mut Reference, call: &Depthwise3x3) {
 impl Reference<'_> {
     /// A depthwise convolution's result, not stored.
     pub(super) fn depthwise(&self, call: &Depthwise3x3) -> Map {
-        let src = self.map(&call.src).bordered();
-        let weights = match self.parameters(call.weights) {
+        self.depthwise_of(&self.map(&call.src), call.weights, call.activation)
+    }
+
+    /// The same of a map.
+    pub(super) fn depthwise_of(&self, src: &Map, weights: BufferId, activation: Activation) -> Map {
+        let src = src.bordered();
+        let weights = match self.parameters(weights) {
             Parameters::Depthwise(weights) => weights,
             other => unreachable!("depthwise3x3 is given {other:?}"),
         };
@@ -32,7 +38,7 @@ impl Reference<'_> {
                 let window: [&[f64]; 9] = std::array::from_fn(|tap| src.token(x + tap % 3, y + tap / 3));
                 for (channel, (bias, taps)) in weights.iter().enumerate() {
                     let products = window.iter().zip(taps).map(|(token, tap)| token[channel] * tap);
-                    row[x * channels + channel] = activate(call.activation, bias + products.sum::<f64>());
+                    row[x * channels + channel] = activate(activation, bias + products.sum::<f64>());
                 }
             }
         });

@@ -4,6 +4,7 @@
 //! tensors' own names and layout instead of the packed buffers, and keep every value in f64. So a wrong index, a wrong
 //! packing or a lost digit of the device shows as a difference. Values never written are NaN.
 
+mod aux_projection;
 mod dense;
 mod expand;
 mod film;
@@ -147,6 +148,7 @@ impl<'a> Reference<'a> {
             Call::StatsSelect(k) => stats::select(self, k),
             Call::StatsTiles(k) => stats::tile_means(self, k),
             Call::StatsKey(k) => stats::key(self, k),
+            Call::AuxProjection(k) => aux_projection::aux_projection(self, k),
             Call::InputColor(k) => frame_io::input_color(self, k),
             Call::InputAux(k) => frame_io::input_aux(self, k),
             Call::Output(k) => frame_io::output(self, k),

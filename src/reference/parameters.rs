@@ -31,7 +31,7 @@ impl Parameters {
             | Pack::Winograd3x3 { weight, bias, inputs, outputs, .. } => {
                 Self::Dense(convolution(&weight.values(weights)?, weight.biases(*bias, weights)?, *inputs, *outputs))
             }
-            Pack::Unembed { spread, gather, inputs } => {
+            Pack::Unembed { spread, gather, inputs } | Pack::UnembedMatrix { spread, gather, inputs } => {
                 let spread = convolution(tensor(spread, "weight")?, None, *inputs, 4 * inputs);
                 let bias = tensor(gather, "bias")?;
                 Self::Unembed(Box::new([spread, convolution(tensor(gather, "weight")?, Some(bias), *inputs, 3)]))
@@ -70,6 +70,10 @@ impl Parameters {
                     (0..heads).map(|head| wide(table).skip(head).step_by(heads).take(225).collect()).collect(),
                 )
             }
+            Pack::BiasMatrix { table, heads } => {
+                return Self::new(&Pack::BiasTable { table: table.clone(), heads: *heads }, weights);
+            }
+            Pack::Halves(pack) => return Self::new(pack, weights),
             Pack::FilmVector { weight, inputs, outputs } => {
                 let rows = tensor(weight, "weight")?.chunks_exact(*inputs as usize).map(|row| wide(row).collect());
                 Self::FilmVector(wide(tensor(weight, "bias")?).zip(rows).take(*outputs as usize).collect())

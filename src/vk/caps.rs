@@ -1,7 +1,7 @@
 //! What a device can do, and what the denoiser needs of it.
 
 use super::matrix::{self, MatrixShape};
-use crate::kernels::contract::{ConstantValue, Epilogue, Need, Sharing};
+use crate::kernels::contract::{ConstantValue, Specialisation, Need, Sharing};
 use ash::vk;
 use std::fmt;
 
@@ -136,15 +136,20 @@ impl Caps {
     }
 
     /// What fills a specialisation constant; sizes of matrices are 0 where the device has none.
-    pub(crate) fn constant(&self, value: ConstantValue, epilogue: Epilogue) -> u32 {
+    pub(crate) fn constant(&self, value: ConstantValue, special: Specialisation) -> u32 {
         let matrix = |size: fn(MatrixShape) -> u32| self.matrix.map_or(0, size);
         match value {
             ConstantValue::Subgroups(count) => count * matrix(|shape| shape.subgroup),
             ConstantValue::MatrixRows => matrix(|shape| shape.rows),
             ConstantValue::MatrixColumns => matrix(|shape| shape.columns),
             ConstantValue::MatrixDepth => matrix(|shape| shape.depth),
-            ConstantValue::Epilogue => epilogue.flags,
-            ConstantValue::InnerEpilogue => epilogue.inner,
+            ConstantValue::Epilogue => special.epilogue,
+            ConstantValue::InnerEpilogue => special.inner,
+            ConstantValue::Tiles => special.tiles,
+            ConstantValue::Inputs => special.inputs,
+            ConstantValue::Copies => special.copies,
+            ConstantValue::Keys => special.keys,
+            ConstantValue::Values => special.values,
         }
     }
 
@@ -170,7 +175,8 @@ impl Caps {
             }
             Need::Storage16 => self.storage16,
             Need::Float16 => self.float16,
-            Need::Matrix => self.matrix.is_some(),
+            // The kernels hand sums round in the subgroup.
+            Need::Matrix => self.matrix.is_some() && self.storage16 && self.subgroup_shuffle,
         }
     }
 }

@@ -4,8 +4,8 @@
 use ash::{ext, khr, vk};
 use std::ffi::CStr;
 
-/// Sides that the kernels' tiles of 32 channels and rows of 16 halves can be cut into.
-const SIDES: [u32; 3] = [8, 16, 32];
+/// Sides that the kernels' blocks of 16 tokens or channels and rows of 16 halves can be cut into.
+const SIDES: [u32; 2] = [8, 16];
 const DEPTHS: [u32; 2] = [8, 16];
 
 /// Device extensions that matrix kernels need.

@@ -1,9 +1,9 @@
-//! Compute pipelines, one for each kernel variant and epilogue that a plan uses.
+//! Compute pipelines, one for each kernel variant and specialisation that a plan uses.
 
 use super::Checked;
 use super::device::Device;
 use crate::error::Result;
-use crate::kernels::contract::{BindingType, Contract, Epilogue};
+use crate::kernels::contract::{BindingType, Contract, Specialisation};
 use ash::vk;
 
 /// A compiled kernel. Destroyed when dropped.
@@ -16,8 +16,8 @@ pub(crate) struct Pipeline {
 }
 
 impl Pipeline {
-    /// Builds the variant that `contract` describes, with this epilogue.
-    pub fn new(device: &Device, contract: &Contract, epilogue: Epilogue) -> Result<Self> {
+    /// Builds the variant that `contract` describes, specialised.
+    pub fn new(device: &Device, contract: &Contract, special: Specialisation) -> Result<Self> {
         let vk_device = device.raw();
         let mut pipeline = Self {
             device: device.clone(),
@@ -55,7 +55,7 @@ impl Pipeline {
         let info = vk::ShaderModuleCreateInfo::default().code(words);
         // SAFETY: `words` is SPIR-V that the build compiled and validated.
         let module = unsafe { vk_device.create_shader_module(&info, None) }.called("vkCreateShaderModule")?;
-        let values: Vec<u32> = contract.constants.iter().map(|c| device.caps().constant(c.value, epilogue)).collect();
+        let values: Vec<u32> = contract.constants.iter().map(|c| device.caps().constant(c.value, special)).collect();
         let entries: Vec<_> = (0..values.len() as u32)
             .map(|id| vk::SpecializationMapEntry::default().constant_id(id).offset(4 * id).size(4))
             .collect();

@@ -65,6 +65,16 @@ impl Submission {
 
     /// Records the commands that `commands` adds, for any number of submissions.
     pub fn record(&mut self, commands: impl FnOnce(vk::CommandBuffer) -> Result<()>) -> Result<()> {
+        self.record_between(|_| (), commands, |_| ())
+    }
+
+    /// The same, with commands before and after those that the timestamps are around.
+    pub fn record_between(
+        &mut self,
+        before: impl FnOnce(vk::CommandBuffer),
+        timed: impl FnOnce(vk::CommandBuffer) -> Result<()>,
+        after: impl FnOnce(vk::CommandBuffer),
+    ) -> Result<()> {
         let device = self.device.raw();
         // SAFETY: the command buffer is ours and not pending: `run` waits for its fence.
         unsafe {
@@ -72,10 +82,14 @@ impl Submission {
             device.begin_command_buffer(self.raw, &info).called("vkBeginCommandBuffer")?;
             if self.queries != vk::QueryPool::null() {
                 device.cmd_reset_query_pool(self.raw, self.queries, 0, 2);
-                device.cmd_write_timestamp(self.raw, vk::PipelineStageFlags::TOP_OF_PIPE, self.queries, 0);
+            }
+            before(self.raw);
+            if self.queries != vk::QueryPool::null() {
+                // Of what comes before all must have ended.
+                device.cmd_write_timestamp(self.raw, vk::PipelineStageFlags::BOTTOM_OF_PIPE, self.queries, 0);
             }
         }
-        if let Err(error) = commands(self.raw) {
+        if let Err(error) = timed(self.raw) {
             // Half a recording must not be begun again. A buffer that cannot be reset is of a device that is lost.
             // SAFETY: as above, and its pool allows it.
             let _ = unsafe { device.reset_command_buffer(self.raw, vk::CommandBufferResetFlags::empty()) };
@@ -86,6 +100,7 @@ impl Submission {
             if self.queries != vk::QueryPool::null() {
                 device.cmd_write_timestamp(self.raw, vk::PipelineStageFlags::BOTTOM_OF_PIPE, self.queries, 1);
             }
+            after(self.raw);
             device.end_command_buffer(self.raw).called("vkEndCommandBuffer")
         }
     }

@@ -5,7 +5,7 @@ use super::device::{assert_no_validation_messages, device};
 use super::random::Random;
 use half::f16;
 use vkdenoise::frame::Extent;
-use vkdenoise::kernels::{BufferId, Call, HALF_TILE, Storage, TILE, TileRect, Tiles, Variants, View};
+use vkdenoise::kernels::{Arithmetic, BufferId, Call, HALF_TILE, Storage, TILE, TileRect, Tiles, Variants, View};
 use vkdenoise::net::{
     Arch, Block, Bottleneck, Convolution, Decoder, DepthRule, ExposureRule, Preprocessing, StageSpec, Weights,
 };
@@ -24,7 +24,7 @@ pub const KERNEL_LIMIT: f64 = 1e-10;
 /// last place, 2^-11 of a power of two, so its mean square is at most 2^-20 / 12.
 pub const HALF_LIMIT: f64 = 8e-8;
 
-/// Both storages and their limits.
+/// Both storages and their limits, without matrices.
 pub const STORAGES: [(Storage, f64); 2] = [(Storage::F32, KERNEL_LIMIT), (Storage::F16, HALF_LIMIT)];
 
 /// Random weights of a network of two FiLM stages, of `channels` (a standard convolution) and twice as many (a separable
@@ -43,17 +43,25 @@ pub fn small_net(channels: u32, bottleneck: Block) -> Weights {
     Weights::hashed(&arch, PREPROCESSING, 3).unwrap()
 }
 
+/// Storage, arithmetic and limit of every form of a dense kernel.
+pub const DENSE_FORMS: [(Storage, Arithmetic, f64); 3] = [
+    (Storage::F32, Arithmetic::Floats, KERNEL_LIMIT),
+    (Storage::F16, Arithmetic::Floats, HALF_LIMIT),
+    (Storage::F16, Arithmetic::Matrices, MATRIX_LIMIT),
+];
+
 /// What a kernel on matrices of halves may be wrong by. Rounding to a half changes a factor by at most 2^-11 of itself, in the
 /// mean square over all of them by 2^-11 / sqrt(6); errors of two independent factors add up to a third of 2^-22, and cancel
 /// in a sum as its terms do.
 pub const MATRIX_LIMIT: f64 = 1.0 / (1u64 << 22) as f64;
 
-/// The variants to run: the portable one; with weights handed round in the subgroup, and on matrices, if the device can.
+/// The portable variants.
+pub const PORTABLE: Variants = Variants { cpu: false, images: false, output_half: false };
+
+/// The variants to run: the portable one; with weights handed round in the subgroup, if the device can.
 pub fn variants() -> Vec<Variants> {
-    let plain = Variants { cpu: false, matrix: false, images: false, output_half: false };
-    let all = [plain, Variants { cpu: true, ..plain }, Variants { matrix: true, ..plain }];
-    let can = |v: &Variants| (!v.cpu || Bench::can_run_cpu_kernels(device())) && (!v.matrix || device().has_matrices());
-    all.into_iter().filter(can).collect()
+    let all = [PORTABLE, Variants { cpu: true, ..PORTABLE }];
+    all.into_iter().filter(|variants| !variants.cpu || Bench::can_run_cpu_kernels(device())).collect()
 }
 
 /// Makes the buffers on a bench, in order, and fills those of weights.
@@ -62,9 +70,7 @@ pub fn make_buffers(bench: &mut Bench, buffers: &[Buffer], weights: &Weights) {
         let id = bench.buffer(&buffer.name, buffer.bytes).unwrap();
         assert_eq!(id, BufferId(i));
         if let Place::Weights { pack, .. } = &buffer.place {
-            let mut packed = vec![0.0; pack.len()];
-            pack.write(weights, &mut packed).unwrap();
-            bench.upload(id, &packed);
+            bench.upload(id, bytemuck::cast_slice(&pack.words(weights).unwrap()));
         }
     }
 }
@@ -87,6 +93,8 @@ pub struct Cases {
     pub random: Random,
     /// How maps are stored from now on.
     pub storage: Storage,
+    /// What dense kernels compute with from now on. On matrices maps are whole vectors of halves.
+    pub arithmetic: Arithmetic,
     weights: Weights,
     buffers: Vec<Buffer>,
     contents: Vec<Content>,
@@ -100,6 +108,7 @@ impl Cases {
         Self {
             random: Random::new(seed),
             storage,
+            arithmetic: Arithmetic::Floats,
             weights,
             buffers: Vec::new(),
             contents: Vec::new(),
@@ -128,6 +137,14 @@ impl Cases {
         self.in_arena(name, 4 * elements, Content::Nothing)
     }
 
+    /// Packed weights of a dense kernel, as it computes.
+    pub fn dense_pack(&mut self, pack: Pack) -> BufferId {
+        match self.arithmetic {
+            Arithmetic::Floats => self.pack(pack),
+            Arithmetic::Matrices => self.pack(Pack::Halves(Box::new(pack))),
+        }
+    }
+
     /// Packed weights.
     pub fn pack(&mut self, pack: Pack) -> BufferId {
         let bytes = 4 * pack.len() as u64;
@@ -149,8 +166,9 @@ impl Cases {
     /// A map to write, somewhere in the channels and rows of a larger one.
     pub fn target(&mut self, (width, height): (u32, u32), channels: u32) -> View {
         let channels = channels.next_multiple_of(4);
-        let first = 4 * self.random.pick(&[0, 0, 1, 3, 8]);
-        let stride = first + channels + 4 * self.random.pick(&[0, 0, 1, 5]);
+        let vector = if self.arithmetic == Arithmetic::Matrices { 8 } else { 4 };
+        let first = vector * self.random.pick(&[0, 0, 1, 3, 8]);
+        let stride = (first + channels).next_multiple_of(vector) + vector * self.random.pick(&[0, 0, 1, 5]);
         let (top, below) = (8 * self.random.pick(&[0, 0, 1, 2]), 8 * self.random.pick(&[0, 0, 1]));
         let storage = self.storage;
         // An even number of halves fills whole words.
@@ -206,12 +224,15 @@ impl Cases {
         if in_halves && !Bench::can_store_halves(device()) {
             return println!("{name}: the device cannot store halves, maps of them are not tested");
         }
+        let on_matrices = self.cases.iter().filter(|(call, _)| call.kernel().contract(PORTABLE).needs_matrix()).count();
+        // One form alone, or the other two.
+        assert!(on_matrices == 0 || on_matrices == self.cases.len(), "{name}: {on_matrices} cases are on matrices");
+        if on_matrices > 0 && !device().has_matrices() {
+            return println!("{name}: the device has no cooperative matrices, their kernels are not tested");
+        }
+        let forms = if on_matrices > 0 { vec![PORTABLE] } else { variants() };
         let expected = self.reference();
-        for variants in variants() {
-            let on_matrices = |call: &Call| call.kernel().contract(variants).needs_matrix();
-            if variants.matrix && !self.cases.iter().any(|(call, _)| on_matrices(call)) {
-                continue;
-            }
+        for variants in forms {
             let mut bench = Bench::new(device(), variants).unwrap();
             make_buffers(&mut bench, &self.buffers, &self.weights);
             let calls: Vec<Call> = self.cases.iter().map(|(call, _)| call.clone()).collect();
@@ -233,7 +254,6 @@ impl Cases {
             for (case, (call, result)) in self.cases.iter().enumerate() {
                 let nmse = compare(&self.elements(*result, &after[result.0], &expected[case]), &expected[case])
                     .unwrap_or_else(|wrong| panic!("{name} {variants:?}: {wrong} in {call:?}"));
-                let limit = if on_matrices(call) { MATRIX_LIMIT } else { limit };
                 assert!(nmse <= limit, "{name} {variants:?}: NMSE {nmse:.1e} in {call:?}");
                 worst = worst.max(nmse);
             }
@@ -245,15 +265,12 @@ impl Cases {
             for (_, result) in &self.cases {
                 assert!(self.bits(&bench, *result) == after[result.0], "{name}: another run, other bits");
             }
-            let kind = match variants {
-                Variants { matrix: true, .. } => "on matrices",
-                Variants { cpu: true, .. } => "for CPU drivers",
-                _ => "portable",
+            let kind = match variants.cpu {
+                _ if on_matrices > 0 => "on matrices",
+                true => "for CPU drivers",
+                false => "portable",
             };
             println!("{name}, {kind}: {} cases, NMSE {worst:.1e}", self.cases.len());
-        }
-        if !device().has_matrices() {
-            println!("{name}: the device has no cooperative matrices, their kernels are not tested");
         }
         assert_no_validation_messages();
     }

@@ -8,7 +8,7 @@ use vkdenoise::reference::Reference;
 use vkdenoise::testing::{Bench, SENTINEL};
 use vkdenoise::{Extent, Weights};
 
-const PORTABLE: Variants = Variants { cpu: false, matrix: false, images: false, output_half: false };
+const PORTABLE: Variants = Variants { cpu: false, images: false, output_half: false };
 
 /// Buffers on a device and for the twins.
 pub struct Rig<'a> {

@@ -42,6 +42,10 @@ pub enum Command {
         /// Arithmetic: "auto" (as suits the device), "fp32" or "matrix" (dense convolutions on cooperative matrices)
         #[arg(long, value_name = "P", env = "VKDENOISE_PRECISION", default_value = "auto", value_parser = precision)]
         precision: Precision,
+        /// Run chains of kernels band by band of the frame where a map between them would take more than this; as suits the
+        /// device where it is left out
+        #[arg(long, value_name = "MIB")]
+        max_chain_mib: Option<u64>,
         /// Denoise these pixels alone: left column, top row, width, height
         #[arg(long, value_name = "X,Y,W,H")]
         region: Option<Region>,
@@ -91,6 +95,27 @@ pub enum Command {
         /// Frame size
         #[arg(long, value_name = "WxH", default_value = "256x256", value_parser = size)]
         size: Extent,
+        #[command(flatten)]
+        common: Common,
+        /// Print JSON
+        #[arg(long)]
+        json: bool,
+    },
+    /// What a network asks of a device, kernel by kernel, and the time that a roofline gives it: nothing runs
+    Plan {
+        /// Which network
+        #[arg(long, value_name = "A", default_value = "hybrid", value_parser = Arch::NAMES)]
+        arch: String,
+        /// Frame size
+        #[arg(long, value_name = "WxH", default_value = "1024x1024", value_parser = size)]
+        size: Extent,
+        /// Arithmetic and storage: auto, fp32, fp16 or matrix
+        #[arg(long, value_name = "P", env = "VKDENOISE_PRECISION", default_value = "auto", value_parser = precision)]
+        precision: Precision,
+        /// Which device: "h100" (measured), "mid-range" (0.5 TB/s, 58 TFLOP/s on matrices), "device" (the one at hand), or a
+        /// JSON file
+        #[arg(long, value_name = "T", default_value = "h100")]
+        target: String,
         #[command(flatten)]
         common: Common,
         /// Print JSON

@@ -1,71 +1,135 @@
-//! Accesses of the dense kernels on matrices: vectors of 16 bytes, in shared memory too.
+//! Accesses of the kernels on matrices: vectors of 16 bytes, in shared memory too, but for the epilogues of the dense ones, which
+//! load and store vectors of four halves.
 
 use super::{Accesses, epilogue_loads};
+use crate::kernels::aux_projection::{AUX_CHANNELS, CHANNELS, REACH};
+use crate::kernels::contract::Specialisation;
 use crate::kernels::contracts::MATRIX_SUBGROUPS;
 use crate::kernels::dense::{Conv3x3, Linear, TILE_CHANNELS};
-use crate::kernels::{Shuffle, TILE};
+use crate::kernels::on_matrices::{DEPTH, groups_of};
+use crate::kernels::separable::Separable3x3;
+use crate::kernels::unembed::{TAPS, Unembed};
+use crate::kernels::window_attention::WindowAttention;
+use crate::kernels::{Storage, TILE};
 
 const TOKENS: u64 = (TILE * TILE) as u64;
 const OUTPUTS: u64 = TILE_CHANNELS as u64;
 const SUBGROUPS: u64 = MATRIX_SUBGROUPS as u64;
 
-/// What one workgroup stages, block by block.
-struct Staging {
-    blocks: u64,
-    /// Input channels of a block.
-    inputs: u64,
-    /// Tokens that a tile needs of the source for each of its blocks.
-    tokens: u64,
-    /// Taps that a block serves.
-    taps: u64,
-    /// Vectors of inputs in all of a token's blocks, once.
-    vectors: u64,
-    /// How often a token's inputs are staged.
-    times: u64,
+/// What a tile asks for.
+struct Work {
+    /// Loads that its inputs take.
+    loads: u64,
+    /// Vectors that are staged of them.
+    staged: u64,
+    /// Rows of weights.
+    rows: u64,
+    /// Loads of the epilogue for each vector of four outputs.
+    epilogue: u64,
 }
 
-impl Staging {
-    /// Accesses of `groups` workgroups whose epilogue loads and stores so much for each vector of outputs.
-    fn accesses(&self, groups: u64, epilogue: u64, stores: u64) -> Accesses {
-        let Self { blocks, inputs, tokens, taps, vectors, times } = *self;
-        let weights = times * taps * 4 * vectors * (OUTPUTS / 4);
-        let results = SUBGROUPS * TOKENS * OUTPUTS / 4;
-        let staged_weights = taps * inputs * OUTPUTS / 8;
+impl Work {
+    fn accesses(&self, special: Specialisation, tiles: u32, channels: u32) -> Accesses {
+        let groups: u64 = groups_of(special, tiles, channels).into_iter().map(u64::from).product();
+        let tiles = groups * u64::from(special.tiles);
+        let results = groups * SUBGROUPS * TOKENS * OUTPUTS / 4;
         Accesses {
-            global_loads: groups * (SUBGROUPS * tokens * times * vectors + weights + results * (1 + epilogue)),
-            global_stores: groups * results * stores,
-            shared_loads: groups * (blocks * SUBGROUPS * (taps * TOKENS * inputs / 8 + staged_weights) + results),
-            shared_stores: groups * (blocks * (SUBGROUPS * tokens * inputs / 8 + staged_weights) + results),
+            global_loads: tiles * self.loads
+                + groups * SUBGROUPS * self.rows * OUTPUTS / 8
+                + results * (1 + self.epilogue),
+            global_stores: results,
+            shared_loads: groups * SUBGROUPS * TOKENS * self.rows / 8 + results,
+            shared_stores: tiles * self.staged + results,
         }
     }
 }
 
-/// Workgroups for so many tiles and channels.
-fn workgroups(tiles: u32, channels: u32) -> u64 {
-    u64::from(tiles.div_ceil(MATRIX_SUBGROUPS)) * u64::from(channels.div_ceil(TILE_CHANNELS))
+pub(super) fn linear(call: &Linear, special: Specialisation) -> Accesses {
+    let rows = u64::from(call.inputs().next_multiple_of(DEPTH));
+    let epilogue = epilogue_loads(call.film.is_some(), call.residual.is_some());
+    let work = Work { loads: TOKENS * u64::from(call.inputs()) / 8, staged: TOKENS * rows / 8, rows, epilogue };
+    work.accesses(special, call.tiles.count(call.dst.width, call.dst.height), call.dst.channels)
 }
 
-pub(super) fn linear(call: &Linear) -> Accesses {
-    let vectors = u64::from((call.src.channels + call.src_b.map_or(0, |b| b.channels)) / 4);
-    let staging = Staging { blocks: vectors.div_ceil(8), inputs: 32, tokens: TOKENS, taps: 1, vectors, times: 1 };
-    let groups = workgroups(call.tiles.count(call.dst.width, call.dst.height), call.dst.channels);
-    staging.accesses(groups, epilogue_loads(call.film.is_some(), call.residual.is_some()), 1)
-}
-
-pub(super) fn conv3x3(call: &Conv3x3) -> Accesses {
+pub(super) fn conv3x3(call: &Conv3x3, special: Specialisation) -> Accesses {
     let (width, height) = call.result_size();
-    let vectors = u64::from(call.src.channels / 4);
-    // A block for each column of taps.
-    let staging = Staging {
-        blocks: 3 * vectors.div_ceil(4),
-        inputs: 16,
-        tokens: u64::from(8 * (7 * call.stride + 3)),
-        taps: 3,
-        vectors,
-        times: 3,
+    let epilogue = epilogue_loads(call.film.is_some(), call.residual.is_some());
+    let inputs = u64::from(call.src.channels);
+    let work = if call.src.storage == Storage::F32 {
+        let rows = u64::from((9 * call.src.channels).next_multiple_of(DEPTH));
+        Work { loads: TOKENS * rows / 4, staged: TOKENS * rows / 8, rows, epilogue }
+    } else {
+        let source_rows = u64::from((TILE - 1) * call.stride + 3);
+        let loads = 3 / u64::from(special.copies) * source_rows * u64::from(TILE - 1 + special.copies) * inputs / 8;
+        Work { loads, staged: 3 * source_rows * u64::from(TILE) * inputs / 8, rows: 9 * inputs, epilogue }
     };
-    let groups = workgroups(call.tiles.count(width, height), call.channels);
-    // An unshuffle scatters scalars.
-    let stores = if call.shuffle == Shuffle::Unshuffle { 4 } else { 1 };
-    staging.accesses(groups, epilogue_loads(call.film.is_some(), call.residual.is_some()), stores)
+    work.accesses(special, call.tiles.count(width, height), call.channels)
+}
+
+pub(super) fn separable3x3(call: &Separable3x3, special: Specialisation) -> Accesses {
+    let Linear { tiles, dst, film, residual, .. } = &call.pointwise;
+    let inputs = u64::from(call.depthwise.src.channels);
+    let columns = u64::from(TILE) * inputs / 4;
+    // Three tokens in each of ten rows, nine taps and a bias for every column of tokens and four channels.
+    let loads = columns * (3 * u64::from(TILE + 2) + 10);
+    let epilogue = epilogue_loads(film.is_some(), residual.is_some());
+    let work = Work { loads, staged: TOKENS * inputs / 4, rows: inputs, epilogue };
+    work.accesses(special, tiles.count(dst.width, dst.height), dst.channels)
+}
+
+pub(super) fn window_attention(call: &WindowAttention) -> Accesses {
+    let windows = u64::from(call.tiles.count(call.dst.width, call.dst.height)) * u64::from(call.heads);
+    let (keys, values) = (u64::from(call.key_width), u64::from(call.value_width));
+    let padded = keys.next_multiple_of(DEPTH.into());
+    // Both factors of both scores once for each subgroup's queries and their bias; then the row of a softmax, and the values.
+    let scores = TOKENS * TOKENS / 4;
+    Accesses {
+        global_loads: windows * (TOKENS * (4 * keys + values) / 8 + scores),
+        global_stores: windows * TOKENS * values / 4,
+        shared_loads: windows
+            * (2 * (TOKENS + SUBGROUPS * TOKENS) * padded / 8
+                + scores
+                + scores / 2
+                + SUBGROUPS * TOKENS * values / 8
+                + TOKENS * values / 4),
+        shared_stores: windows
+            * (TOKENS * (4 * padded + values) / 8 + scores + scores / 2 + TOKENS * values / 4),
+    }
+}
+
+/// Away from the border, where a workgroup takes several sets of weights.
+pub(super) fn unembed(call: &Unembed) -> Accesses {
+    let tiles = u64::from(call.tiles.count(call.src.width, call.src.height));
+    let (inputs, taps) = (u64::from(call.src.channels), u64::from(TAPS));
+    let staged = taps * (u64::from(TILE) - 1 + taps) * u64::from(TILE) * inputs / 8;
+    let rows = taps * taps * inputs;
+    Accesses {
+        global_loads: tiles * (staged + 2 * rows),
+        global_stores: tiles * TOKENS * 4,
+        shared_loads: tiles * (TOKENS * rows / 8 + TOKENS * 4),
+        shared_stores: tiles * (staged + TOKENS * 4),
+    }
+}
+
+/// Of a workgroup's 16x8 tokens with what is made around them.
+pub(super) fn aux_projection(groups: [u32; 3]) -> Accesses {
+    let (columns, vectors) = (u64::from(CHANNELS / 4), u64::from(CHANNELS / 8));
+    let size = |reach: u32| u64::from((2 * TILE + 2 * reach) * (TILE + 2 * reach));
+    let (mut loads, mut shared_loads, mut shared_stores) = (size(REACH) * u64::from(AUX_CHANNELS / 8), 0, 0);
+    for step in 0..REACH {
+        let (from, to) = (size(REACH - step), size(REACH - step - 1));
+        // Four subgroups load a matrix; runs of four rows load six of three tokens, nine taps and two biases.
+        let inputs = if step == 0 { u64::from(DEPTH / 8) } else { vectors };
+        loads += from.div_ceil(16) * inputs * vectors * 8 + SUBGROUPS * vectors * vectors * 8 + to.div_ceil(4) * columns * 11;
+        shared_loads += from * inputs + to.div_ceil(4) * 18 * columns + 2 * TOKENS * vectors;
+        shared_stores += from * vectors + to * columns;
+    }
+    let results = 2 * TOKENS * columns;
+    let groups: u64 = groups.into_iter().map(u64::from).product();
+    Accesses {
+        global_loads: groups * (loads + results),
+        global_stores: groups * results,
+        shared_loads: groups * (shared_loads + results),
+        shared_stores: groups * (shared_stores + 2 * size(REACH) + results),
+    }
 }

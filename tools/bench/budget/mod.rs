@@ -5,7 +5,7 @@
 pub mod table;
 
 use vkdenoise::kernels::window_attention::WindowAttention;
-use vkdenoise::kernels::{Call, PlaneArgs, TILE, Variants, View};
+use vkdenoise::kernels::{Call, PlaneArgs, Storage, TILE, Variants, View};
 use vkdenoise::net::{Graph, Weights};
 use vkdenoise::plan::pack::Pack;
 use vkdenoise::plan::{Dispatch, Place, Plan, PlanOptions, plan};
@@ -66,7 +66,7 @@ pub fn measure(
     for (i, dispatch) in plan.dispatches[..end].iter().enumerate() {
         reference.run_dispatch(i);
         if let Some(view) = dispatch.call.result() {
-            let found = bench.download(view.buffer, plan.buffer(view.buffer).bytes as usize / 4);
+            let found = elements(bench.download(view.buffer, plan.buffer(view.buffer).bytes as usize / 4), view.storage);
             let mut line = compare(dispatch, view, &found, &reference.view(view), variants);
             if let Call::WindowAttention(attention) = &dispatch.call {
                 line.scores = Some(scores(&reference, &plan, attention, weights)?);
@@ -94,9 +94,7 @@ fn run_on_device(
     for buffer in &plan.buffers {
         let id = bench.buffer(&buffer.name, buffer.bytes)?;
         if let Place::Weights { pack, .. } = &buffer.place {
-            let mut packed = vec![0.0; pack.len()];
-            pack.write(weights, &mut packed)?;
-            bench.upload(id, &packed);
+            bench.upload(id, bytemuck::cast_slice(&pack.words(weights)?));
         }
     }
     let features = frame.features;
@@ -107,6 +105,18 @@ fn run_on_device(
     let calls: Vec<Call> = plan.dispatches[..end].iter().map(|dispatch| dispatch.call.clone()).collect();
     bench.run(&calls)?;
     Ok(bench)
+}
+
+/// The elements in a buffer's words.
+fn elements(words: Vec<f32>, storage: Storage) -> Vec<f32> {
+    let halves = |word: &f32| {
+        let bits = word.to_bits();
+        [bits, bits >> 16].map(|half| half::f16::from_bits(half as u16).to_f32())
+    };
+    match storage {
+        Storage::F32 => words,
+        Storage::F16 => words.iter().flat_map(halves).collect(),
+    }
 }
 
 /// A plane as it is, with its layout.
@@ -168,7 +178,9 @@ fn ratio(error: f64, energy: f64) -> f64 {
 
 /// The largest absolute score of either map and the largest absolute product, over all windows and heads.
 fn scores(reference: &Reference, plan: &Plan, k: &WindowAttention, weights: &Weights) -> Result<(f64, f64)> {
-    let Place::Weights { pack: Pack::BiasTable { table, .. }, .. } = &plan.buffer(k.bias).place else {
+    let Place::Weights { pack: Pack::BiasTable { table, .. } | Pack::BiasMatrix { table, .. }, .. } =
+        &plan.buffer(k.bias).place
+    else {
         return Err("attention without a bias table".into());
     };
     let table = &weights.tensor(table)?.data;

@@ -1,0 +1,67 @@
+// Dense 3x3 convolution of a map of four channels of 32-bit floats, zero padding, on cooperative matrices, the factors rounded to
+// halves, the sums in 32-bit floats; with the epilogue of the other convolutions. The nine taps of a token are its row of inputs.
+#version 460
+#include "shared/storage.glsl"
+#include "shared/tiles.glsl"
+#define EPILOGUE_ID 4         // after those of matrix.glsl
+#include "shared/epilogue.glsl"
+#include "shared/matrix.glsl"
+layout(constant_id = 5) const uint TILES = 4;   // of a workgroup: 1, 2 or 4
+
+layout(push_constant) uniform Push {
+    Source src;
+    Target dst;
+    Weights weights;      // [bias | halves, packed]
+    Weights film;         // [gamma | beta] with FLAG_FILM
+    Residual residual;    // with FLAG_RESIDUAL
+    TileList tiles;       // with FLAG_TILE_LIST
+    uint src_width;
+    uint src_height;
+    uint src_stride;      // strides and channel counts in vectors of four
+    uint src_channels;
+    uint dst_width;       // of the convolution's result, before any shuffle
+    uint dst_stride;
+    uint dst_channels;
+    uint residual_stride;
+    uint bias_vectors;
+    uint first_tile;      // x | y << 16, in half tiles
+    uint tile_count;
+    uint flags;
+};
+
+const uint INPUTS = 48u;                        // nine taps of four channels, and zeros
+const uint VECTORS = INPUTS / 8u;
+const uint TOKEN = VECTORS + 1u;
+const uint STAGED_INPUTS = TILES * 64u * TOKEN;
+#include "shared/matrix_dense.glsl"
+#include "shared/conv_store.glsl"
+
+const float LARGEST_HALF = 65504.0;
+
+vec4 tap_of(uvec2 token, uint tap) {
+    ivec2 at = ivec2(token) + ivec2(tap % 3u, tap / 3u) - 1;
+    bool inside = tap < 9u && at.x >= 0 && at.x < int(src_width) && at.y >= 0 && at.y < int(src_height);
+    vec4 value = LOAD(src, uint(inside ? at.y * int(src_width) + at.x : 0) * src_stride);
+    // Larger values would become infinite, and the sums NaN.
+    return inside ? clamp(value, -LARGEST_HALF, LARGEST_HALF) : vec4(0.0);
+}
+
+void main() {
+    uint slot = group_index() * TILES + own_tile;
+    uint count = tiles_of(tile_count, flags, tiles);
+    if (group_index() * TILES >= count) return;                                      // whole groups only
+    bool live = slot < count;
+    uvec2 origin = tile_origin(min(slot, count - 1u), first_tile, flags, tiles);
+    uint rows = own_tile * TOKENS * TOKEN;
+
+    for (uint i = tile_lane; i < TOKENS * VECTORS; i += TILE_LANES) {
+        uint token = i % TOKENS, part = i / TOKENS;
+        uvec2 at = origin + uvec2(token % 8u, token / 8u);
+        staged[rows + token * TOKEN + part] = pack_halves(tap_of(at, 2u * part), tap_of(at, 2u * part + 1u));
+    }
+    clear_sums();
+    barrier();
+    uint at = bias_vectors * 8u + own_outputs * INPUTS * OUTPUTS;
+    if (own_outputs * (OUTPUTS / 4u) < dst_channels) multiply_add(rows, TOKEN, Halves(weights), at, INPUTS);
+    FINISH_SUMS(store_result)
+}

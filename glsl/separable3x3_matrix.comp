@@ -1,0 +1,106 @@
+// Depthwise 3x3 convolution (zero padding, bias, activation) and the pointwise convolution after it as one, maps of halves: the
+// depthwise sums are made in 32-bit floats, block by block of channels, and rounded to halves for the matrices.
+#version 460
+#include "shared/storage.glsl"
+#include "shared/tiles.glsl"
+#define EPILOGUE_ID 4         // after those of matrix.glsl
+#include "shared/epilogue.glsl"
+#include "shared/matrix.glsl"
+layout(constant_id = 5) const uint TILES = 4;   // of a workgroup: 1, 2 or 4
+layout(constant_id = 6) const uint INPUTS = 32; // staged at a time, a divisor of all
+layout(constant_id = 7) const uint INNER_EPILOGUE = 0u;
+
+layout(push_constant) uniform Push {
+    Source src;
+    Target dst;
+    Weights weights;      // [bias | halves, packed] of the pointwise part
+    Weights film;         // [gamma | beta] with FLAG_FILM
+    Residual residual;    // with FLAG_RESIDUAL
+    Weights depthwise;    // [bias | 9 taps], each of all channels
+    TileList tiles;       // with FLAG_TILE_LIST
+    uint width;
+    uint height;
+    uint src_stride;      // strides and channel counts in vectors of four
+    uint src_channels;
+    uint dst_stride;
+    uint dst_channels;
+    uint residual_stride;
+    uint bias_vectors;
+    uint first_tile;      // x | y << 16, in half tiles
+    uint tile_count;
+    uint flags;
+    uint unused;
+};
+
+const uint VECTORS = INPUTS / 4u;               // of four halves
+const uint STRIDE = INPUTS / 8u + 1u;           // of a token's row, in vectors of eight
+const uint STAGED_INPUTS = TILES * 64u * STRIDE;
+#include "shared/matrix_dense.glsl"
+
+// One row of three tokens times one row of taps.
+vec4 row_sum(vec4 row[3], vec4 taps[9], const uint ky) {
+    return taps[3u * ky] * row[0] + taps[3u * ky + 1u] * row[1] + taps[3u * ky + 2u] * row[2];
+}
+
+// Stages the depthwise results of a tile for the inputs from vector `first` on: an invocation goes down a column of tokens, four
+// channels wide, and adds every row that it loads to the three results that it touches.
+void stage(uint rows, uvec2 origin, uint first) {
+    for (uint i = tile_lane; i < 8u * VECTORS; i += TILE_LANES) {
+        uint part = i % VECTORS, x = i / VECTORS;
+        uint channel = first + part;
+        vec4 taps[9];
+        [[unroll]] for (uint t = 0u; t < 9u; ++t) taps[t] = LOAD_WEIGHTS(depthwise, (t + 1u) * src_channels + channel);
+        vec4 bias = LOAD_WEIGHTS(depthwise, channel);
+        // Of the row of results above the row that is loaded, of its own, and of the one below.
+        vec4 above = bias, own = bias;
+        [[unroll]] for (int y = -1; y <= 8; ++y) {
+            int sy = int(origin.y) + y;
+            bool row_inside = sy >= 0 && sy < int(height);
+            uint row_base = uint(clamp(sy, 0, int(height) - 1)) * width;
+            vec4 row[3];
+            [[unroll]] for (int dx = -1; dx <= 1; ++dx) {
+                int sx = int(origin.x + x) + dx;
+                bool inside = row_inside && sx >= 0 && sx < int(width);
+                uint pixel = row_base + uint(clamp(sx, 0, int(width) - 1));
+                row[dx + 1] = LOAD_WHERE(inside, src, pixel * src_stride + channel);
+            }
+            if (y >= 1) {
+                uvec2 halves = narrow(activate(above + row_sum(row, taps, 2u), INNER_EPILOGUE));
+                uint to = rows + ((uint(y) - 1u) * 8u + x) * STRIDE + part / 2u;
+                if (part % 2u == 0u) staged[to].xy = halves;
+                else staged[to].zw = halves;
+            }
+            above = own + row_sum(row, taps, 1u);
+            own = bias + row_sum(row, taps, 0u);
+        }
+    }
+}
+
+void finish(uvec2 at, uint channel, vec4 value) {
+    uint pixel = at.y * width + at.x;
+    if ((EPILOGUE & FLAG_FILM) != 0u) value = LOAD_WEIGHTS(film, channel) * value + LOAD_WEIGHTS(film, dst_channels + channel);
+    if ((EPILOGUE & FLAG_RESIDUAL) != 0u) value += LOAD(residual, pixel * residual_stride + channel);
+    STORE(dst, pixel * dst_stride + channel, activate(value, EPILOGUE));
+}
+
+void main() {
+    uint slot = group_index() * TILES + own_tile;
+    uint count = tiles_of(tile_count, flags, tiles);
+    if (group_index() * TILES >= count) return;                                      // whole groups only
+    bool live = slot < count;
+    uvec2 origin = tile_origin(min(slot, count - 1u), first_tile, flags, tiles);
+    uint rows = own_tile * TOKENS * STRIDE;
+    uint inputs = 4u * src_channels;
+    bool computes = live && own_outputs * (OUTPUTS / 4u) < dst_channels;
+    Halves matrix = Halves(weights);
+    uint at = bias_vectors * 8u + own_outputs * inputs * OUTPUTS;
+
+    clear_sums();
+    for (uint first = 0u; first < inputs; first += INPUTS) {
+        barrier();
+        stage(rows, origin, first / 4u);
+        barrier();
+        if (computes) multiply_add(rows, STRIDE, matrix, at + first * OUTPUTS, INPUTS);
+    }
+    FINISH_SUMS(finish)
+}
