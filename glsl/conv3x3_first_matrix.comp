@@ -5,8 +5,10 @@
 #include "shared/tiles.glsl"
 #define EPILOGUE_ID 4         // after those of matrix.glsl
 #include "shared/epilogue.glsl"
-#include "shared/matrix.glsl"
 layout(constant_id = 5) const uint TILES = 4;   // of a workgroup: 1, 2 or 4
+layout(constant_id = 6) const uint HALVES = 1;  // subgroups that share the tokens of a tile: 1 or 2
+#define SUBGROUPS (4u * HALVES)
+#include "shared/matrix.glsl"
 
 layout(push_constant) uniform Push {
     Source src;
@@ -33,6 +35,7 @@ const uint INPUTS = 48u;                        // nine taps of four channels, a
 const uint VECTORS = INPUTS / 8u;
 const uint TOKEN = VECTORS + 1u;
 const uint STAGED_INPUTS = TILES * 64u * TOKEN;
+const uint STAGED_BLOCKS = 4u / TILES * INPUTS / 16u;
 #include "shared/matrix_dense.glsl"
 #include "shared/conv_store.glsl"
 
@@ -59,9 +62,10 @@ void main() {
         uvec2 at = origin + uvec2(token % 8u, token / 8u);
         staged[rows + token * TOKEN + part] = pack_halves(tap_of(at, 2u * part), tap_of(at, 2u * part + 1u));
     }
+    const uint BLOCKS = INPUTS / 16u;
+    stage_weights(Vectors(weights), 0u, BLOCKS, 0u, BLOCKS, BLOCKS);
     clear_sums();
     barrier();
-    uint at = bias_vectors * 8u + own_outputs * INPUTS * OUTPUTS;
-    if (own_outputs * (OUTPUTS / 4u) < dst_channels) multiply_add(rows, TOKEN, Halves(weights), at, INPUTS);
+    if (own_outputs * (OUTPUTS / 4u) < dst_channels) multiply_add(rows, TOKEN, own_split * BLOCKS, INPUTS);
     FINISH_SUMS(store_result)
 }

@@ -1,19 +1,19 @@
 // Dense 3x3 convolution of halves, zero padding, stride STRIDE, on cooperative matrices, the sums in 32-bit floats; with the
 // epilogue of the other convolutions.
 //
-// The inputs of one column of taps, kx, are staged as rows of eight tokens that lie STRIDE apart: a copy of the tile's
-// surroundings for each kx, COPIES of them at a time. So the tokens of a tile follow one another for every ky, and a matrix of any
-// number of rows begins at any of them. For stride 2 the even rows come before the odd ones: then a tile's rows follow one
-// another too.
+// The inputs of one column of taps, kx, are staged as rows of eight tokens that lie STRIDE apart. So the tokens of a tile follow
+// one another for every ky, and a matrix of any number of rows begins at any of them. For stride 2 the even rows come before
+// the odd ones: then a tile's rows follow one another too.
 #version 460
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"
 #define EPILOGUE_ID 4         // after those of matrix.glsl
 #include "shared/epilogue.glsl"
-#include "shared/matrix.glsl"
 layout(constant_id = 5) const uint TILES = 4;   // of a workgroup: 1, 2 or 4
-layout(constant_id = 6) const uint INPUTS = 32; // staged at a time, a divisor of all
-layout(constant_id = 7) const uint COPIES = 1;  // columns of taps staged at a time: 1 or, of stride 1, 3
+layout(constant_id = 6) const uint HALVES = 1;  // subgroups that share the tokens of a tile: 1 or 2
+#define SUBGROUPS (4u * HALVES)
+#include "shared/matrix.glsl"
+layout(constant_id = 7) const uint INPUTS = 32; // staged at a time, a divisor of all
 
 layout(push_constant) uniform Push {
     Source src;
@@ -40,8 +40,10 @@ const uint VECTORS = INPUTS / 8u;               // of eight halves
 const uint TOKEN = VECTORS + 1u;
 const uint SOURCE_ROWS = 7u * STRIDE + 3u;
 const uint EVEN_ROWS = 9u;                      // of stride 2
-const uint COPY = SOURCE_ROWS * 8u * TOKEN;
-const uint STAGED_INPUTS = TILES * COPIES * COPY;
+const uint STAGED_TILE = SOURCE_ROWS * 8u * TOKEN;
+const uint STAGED_INPUTS = TILES * STAGED_TILE;
+const uint BLOCKS = INPUTS / 16u;               // of weights, of a tap
+const uint STAGED_BLOCKS = 4u / TILES * 3u * BLOCKS;
 #include "shared/matrix_dense.glsl"
 #include "shared/conv_store.glsl"
 
@@ -50,40 +52,37 @@ uint staged_row(uint row) {
     return STRIDE == 1 ? row : (row & 1u) * EVEN_ROWS + row / 2u;
 }
 
-// Stages columns kx..kx + COPIES of taps, of the inputs from vector `first` on.
+// Stages one column of taps, of the inputs from vector `first` on.
 void stage(uint rows, uvec2 origin, uint first, uint kx) {
     Vectors from = Vectors(src);
-    const uint WIDTH = 7u + COPIES;
     ivec2 corner = ivec2(origin) * STRIDE + ivec2(int(kx) - 1, -1);
-    for (uint i = tile_lane; i < SOURCE_ROWS * WIDTH * VECTORS; i += TILE_LANES) {
-        uint part = i % VECTORS;
-        uint column = i / VECTORS % WIDTH, row = i / VECTORS / WIDTH;
+    for (uint i = tile_lane; i < SOURCE_ROWS * 8u * VECTORS; i += TILE_LANES) {
+        uint part = i % VECTORS, column = i / VECTORS % 8u, row = i / VECTORS / 8u;
         ivec2 at = corner + ivec2(column * STRIDE, row);
         bool inside = at.x >= 0 && at.x < int(src_width) && at.y >= 0 && at.y < int(src_height);
         uint pixel = uint(inside ? at.y * int(src_width) + at.x : 0);
         uvec4 halves = from.v[pixel * (src_stride / 2u) + first + part];
-        if (!inside) halves = uvec4(0u);
-        uint to = rows + staged_row(row) * 8u * TOKEN + part;
-        [[unroll]] for (uint copy = 0u; copy < COPIES; ++copy) {
-            if (column - copy < 8u) staged[to + copy * COPY + (column - copy) * TOKEN] = halves;
-        }
+        staged[rows + (staged_row(row) * 8u + column) * TOKEN + part] = inside ? halves : uvec4(0u);
     }
 }
 
-// sums += the products of one column of taps, staged at `rows`; the weights of its first tap begin at `at`, those of the next
-// ones `row_of_taps` further each.
-void multiply_column(uint rows, Halves weights, uint at, uint row_of_taps) {
+// sums += the products of the column of taps that is staged.
+void multiply_column(uint rows) {
+    uint blocks = own_split * 3u * BLOCKS;
 #if STRIDE == 1
     // Rows of matrices begin at every row of tokens; each serves up to three taps.
     const uint STEP = ROWS / 8u;
-    [[unroll]] for (uint k = 0u; k < INPUTS; k += DEPTH) {
-        MatrixA inputs[TOKENS / 8u + 3u - STEP];
-        [[unroll]] for (uint row = 0u; row < TOKENS / 8u + 3u - STEP; ++row) {
-            coopMatLoad(inputs[row], staged, rows + row * 8u * TOKEN + k / 8u, TOKEN, gl_CooperativeMatrixLayoutRowMajor);
+    const uint FIRSTS = OWN_TOKENS / 8u + 3u - STEP;
+    // Not unrolled: CPU drivers spell every product out.
+    [[dont_unroll]] for (uint k = 0u; k < INPUTS; k += DEPTH) {
+        MatrixA inputs[FIRSTS];
+        [[unroll]] for (uint row = 0u; row < FIRSTS; ++row) {
+            uint from = rows + (own_half * OWN_TOKENS / 8u + row) * 8u * TOKEN + k / 8u;
+            coopMatLoad(inputs[row], staged, from, TOKEN, gl_CooperativeMatrixLayoutRowMajor);
         }
         [[unroll]] for (uint ky = 0u; ky < 3u; ++ky) {
             MatrixB columns[COLUMN_TILES];
-            load_weights(weights, at + ky * row_of_taps + k * OUTPUTS, columns);
+            load_weights(blocks + ky * BLOCKS + k / 16u, k % 16u, columns);
             [[unroll]] for (uint m = 0u; m < ROW_TILES; ++m) {
                 [[unroll]] for (uint n = 0u; n < COLUMN_TILES; ++n) {
                     sums[m * COLUMN_TILES + n] = coopMatMulAdd(inputs[m * STEP + ky], columns[n], sums[m * COLUMN_TILES + n]);
@@ -92,8 +91,8 @@ void multiply_column(uint rows, Halves weights, uint at, uint row_of_taps) {
         }
     }
 #else
-    [[unroll]] for (uint ky = 0u; ky < 3u; ++ky) {
-        multiply_add(rows + staged_row(ky) * 8u * TOKEN, TOKEN, weights, at + ky * row_of_taps, INPUTS);
+    [[dont_unroll]] for (uint ky = 0u; ky < 3u; ++ky) {
+        multiply_add(rows + staged_row(ky) * 8u * TOKEN, TOKEN, blocks + ky * BLOCKS, INPUTS);
     }
 #endif
 }
@@ -110,7 +109,7 @@ void finish_unshuffled(uint part, uvec2 origin) {
             value[d] = staged_sum(token, output_of / 4u)[output_of % 4u];
         }
         value = activate(value + ReadFloats(weights).v[channel], EPILOGUE);
-        uvec2 at = origin / 2u + uvec2(0u, 2u * part) + to;
+        uvec2 at = origin / 2u + uvec2(0u, (own_half * OWN_TOKENS + part * SUMS_TOKENS) / 16u) + to;
         STORE(dst, (at.y * (dst_width / 2u) + at.x) * dst_stride + channel, value);
     }
 }
@@ -121,30 +120,28 @@ void main() {
     if (group_index() * TILES >= count) return;                                      // whole groups only
     bool live = slot < count;
     uvec2 origin = tile_origin(min(slot, count - 1u), first_tile, flags, tiles);
-    uint rows = own_tile * COPIES * COPY;
+    uint rows = own_tile * STAGED_TILE;
     uint inputs = 4u * src_channels;
     bool computes = live && own_outputs * (OUTPUTS / 4u) < dst_channels;
-    Halves matrix = Halves(weights);
-    uint at = bias_vectors * 8u + own_outputs * 9u * inputs * OUTPUTS;
 
     clear_sums();
     for (uint first = 0u; first < inputs; first += INPUTS) {
-        for (uint kx = 0u; kx < 3u; kx += COPIES) {
+        for (uint kx = 0u; kx < 3u; ++kx) {
             barrier();
             stage(rows, origin, first / 8u, kx);
-            barrier();
-            if (!computes) continue;
-            for (uint copy = 0u; copy < COPIES; ++copy) {
-                uint tap = kx + copy;
-                multiply_column(rows + copy * COPY, matrix, at + (tap * inputs + first) * OUTPUTS, 3u * inputs * OUTPUTS);
+            for (uint ky = 0u; ky < 3u; ++ky) {
+                uint block = ((3u * ky + kx) * inputs + first) / 16u;
+                stage_weights(Vectors(weights), block, 9u * inputs / 16u, ky * BLOCKS, BLOCKS, 3u * BLOCKS);
             }
+            barrier();
+            if (computes) multiply_column(rows);
         }
     }
     if ((EPILOGUE & FLAG_UNSHUFFLE) == 0u) {
         FINISH_SUMS(store_result)
         return;
     }
-    [[unroll]] for (uint part = 0u; part < TOKENS / SUMS_TOKENS; ++part) {
+    [[unroll]] for (uint part = 0u; part < OWN_TOKENS / SUMS_TOKENS; ++part) {
         stage_sums(part);
         if (live) finish_unshuffled(part, origin);
     }

@@ -1,4 +1,6 @@
-// Colour to the network's input: bad pixels mended, exposed, log1p, padded by reflection.
+// Colour to the network's input: samples mended, exposed, log1p, padded by reflection. The fourth channel, which has no
+// weights, tells what goes around the network: 0 nothing, else 1 and log1p of what samples that are not finite count for;
+// negative in a lamp of +Inf, which is nothing else in the result either.
 #version 460
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"
@@ -19,6 +21,7 @@ layout(set = 0, binding = 0) uniform texture2D color_image;
 layout(push_constant) uniform Push {
     PLANE color;
     Stats stats;
+    Uints tile_stats;
     Target dst;
     TileList tiles;       // with FLAG_TILE_LIST
     uint color_offset;
@@ -27,16 +30,20 @@ layout(push_constant) uniform Push {
     uint color_channel;
     uint width;
     uint height;
+    uint tiles_x;
     uint dst_width;
     uint first_tile;      // x | y << 16, in half tiles
     uint tile_count;
     uint flags;
+    uint unused;
 };
 
 #include "shared/read_color.glsl"
-#include "shared/good_pixel.glsl"
+#include "shared/samples.glsl"
+#include "shared/mend.glsl"
 
-const float MAX_EXPOSED = 65504.0;
+// The network's range, exposed: emitters of training reach it, the noise of one sample a pixel hardly does.
+const float RANGE = 2048.0;
 
 void main() {
     uint slot = group_index();
@@ -45,23 +52,21 @@ void main() {
     to += uvec2(gl_LocalInvocationID.x % 8u, gl_LocalInvocationID.x / 8u);
     uvec2 at = uvec2(reflect_index(to.x, width), reflect_index(to.y, height));
 
-    vec3 radiance = read_color(at);
-    if (!is_good(at, radiance)) {
-        uvec4 box = around(at);
-        vec3 sum = vec3(0.0);
-        float count = 0.0;
-        for (uint y = box.y; y <= box.w; ++y) {
-            for (uint x = box.x; x <= box.z; ++x) {
-                vec3 neighbour = read_color(uvec2(x, y));
-                if (!is_good(uvec2(x, y), neighbour)) continue;
-                sum += neighbour * stats.exposure;       // exposed: eight large values may exceed a float
-                count += 1.0;
-            }
-        }
-        radiance = count > 0.0 ? sum / count : vec3(0.0);
-    } else {
-        radiance *= stats.exposure;
+    vec3 color = read_color(at);
+    vec3 exposed = light_of(color) * stats.exposure;
+    bvec3 finite = are_finite(color);
+    bvec3 infinite = are_infinite(color);
+    uint way = way_of(at, color);
+    bvec3 missing = way == AS_IT_IS ? bvec3(~(uvec3(finite) | uvec3(infinite)) & 1u) : bvec3(true);
+    if (any(missing)) exposed = mix(exposed, mended(at), missing);
+    bool lamp = false;
+    if (any(infinite)) exposed = mix(exposed, vec3(infinite_light(at, lamp)), infinite);
+
+    float beyond = 0.0;
+    if (way == KEPT || lamp || (way == AS_IT_IS && largest_of(exposed) > RANGE)) {
+        beyond = 1.0 + log1p(min(largest_of(mix(exposed, vec3(0.0), finite)), MAX_FLOAT));
+        if (lamp) beyond = -beyond;
     }
-    radiance = min(radiance, vec3(MAX_EXPOSED));
-    STORE(dst, to.y * dst_width + to.x, vec4(log1p(radiance.x), log1p(radiance.y), log1p(radiance.z), 0.0));
+    exposed = min(exposed, vec3(RANGE));
+    STORE(dst, to.y * dst_width + to.x, vec4(log1p(exposed.x), log1p(exposed.y), log1p(exposed.z), beyond));
 }

@@ -7,9 +7,11 @@
 #include "shared/tiles.glsl"
 #define EPILOGUE_ID 4         // after those of matrix.glsl
 #include "shared/epilogue.glsl"
-#include "shared/matrix.glsl"
 layout(constant_id = 5) const uint TILES = 4;   // of a workgroup: 1, 2 or 4
-layout(constant_id = 6) const uint INPUTS = 32; // staged at a time, a divisor of all; with NORM all of them
+layout(constant_id = 6) const uint HALVES = 1;  // subgroups that share the tokens of a tile: 1 or 2
+#define SUBGROUPS (4u * HALVES)
+#include "shared/matrix.glsl"
+layout(constant_id = 7) const uint INPUTS = 32; // staged at a time, a divisor of all; with NORM all of them
 
 layout(push_constant) uniform Push {
     Source src;
@@ -36,6 +38,12 @@ layout(push_constant) uniform Push {
 const uint VECTORS = INPUTS / 8u;               // of eight halves
 const uint STRIDE = VECTORS + 1u;
 const uint STAGED_INPUTS = TILES * 64u * STRIDE;
+#ifdef NORM
+const uint ROWS_AT_ONCE = INPUTS < 32u ? INPUTS : 32u;   // of weights
+#else
+const uint ROWS_AT_ONCE = INPUTS;
+#endif
+const uint STAGED_BLOCKS = 4u / TILES * ROWS_AT_ONCE / 16u;
 #include "shared/matrix_dense.glsl"
 
 #ifdef NORM
@@ -107,21 +115,23 @@ void main() {
     uint rows = own_tile * TOKENS * STRIDE;
     uint inputs = (4u * (src_channels + src_b_channels) + INPUTS - 1u) / INPUTS * INPUTS;
     bool computes = live && own_outputs * (OUTPUTS / 4u) < dst_channels;
-    Halves matrix = Halves(weights);
-    uint at = bias_vectors * 8u + own_outputs * inputs * OUTPUTS;
+    const uint BLOCKS = ROWS_AT_ONCE / 16u;
 
     clear_sums();
 #ifdef NORM
     stage_normed(rows, origin);
-    barrier();
-    if (computes) multiply_add(rows, STRIDE, matrix, at, INPUTS);
-#else
-    for (uint first = 0u; first < inputs; first += INPUTS) {
-        barrier();
-        stage(rows, origin, first / 8u);
-        barrier();
-        if (computes) multiply_add(rows, STRIDE, matrix, at + first * OUTPUTS, INPUTS);
-    }
 #endif
+    for (uint first = 0u; first < inputs; first += ROWS_AT_ONCE) {
+        barrier();
+#ifdef NORM
+        uint at = rows + first / 8u;
+#else
+        uint at = rows;
+        stage(rows, origin, first / 8u);
+#endif
+        stage_weights(Vectors(weights), first / 16u, inputs / 16u, 0u, BLOCKS, BLOCKS);
+        barrier();
+        if (computes) multiply_add(at, STRIDE, own_split * BLOCKS, ROWS_AT_ONCE);
+    }
     FINISH_SUMS(finish)
 }

@@ -1,4 +1,5 @@
-// The network's residual to the denoised colour, cropped to the frame. Where a map says what is quiet, quiet pixels are the
+// The network's residual to the denoised colour, cropped to the frame: an average of what came in, so at most its
+// largest sample. Light that went around the network is added. Where a map says what is quiet, quiet pixels are the
 // caller's, but for a blend beside those that are not.
 #version 460
 #include "shared/storage.glsl"
@@ -92,7 +93,15 @@ const float MAX_LOG = 88.0;
 
 float linear_color(float log_value, float inverse_exposure) {
     // A frame's exposure may be tiny: the product may exceed a float.
-    return min(max(expm1(min(log_value, MAX_LOG)), 0.0) * inverse_exposure, TARGET_MAX);
+    return min(max(expm1(min(log_value, MAX_LOG)), 0.0) * inverse_exposure, MAX_FLOAT);
+}
+
+// The result with what of the caller's own pixel the network was not given: `taken` is what it was, `otherwise` what counts for
+// samples that are not finite. +Inf of a lamp is that and nothing else.
+vec3 with_light_around(vec3 color, uvec2 at, vec3 taken, float otherwise, bool lamp) {
+    vec3 own = read_color(at);
+    vec3 light = mix(vec3(otherwise), light_of(own), are_finite(own));
+    return mix(color + max(light - taken, 0.0), light, bvec3(uvec3(are_infinite(own)) & uint(lamp)));
 }
 
 void main() {
@@ -106,16 +115,23 @@ void main() {
     vec3 color = vec3(0.0);
     if (quiet < 1.0) {
         uint pixel = at.y * src_width + at.x;
-        vec3 noisy = LOAD(log_color, pixel).xyz;
-        vec3 clean = noisy + LOAD(residual, pixel * residual_stride).xyz;
+        vec4 noisy = LOAD(log_color, pixel);
+        vec3 clean = noisy.xyz + LOAD(residual, pixel * residual_stride).xyz;
         float inverse = 1.0 / stats.exposure;
         for (int i = 0; i < 3; ++i) {
-            color[i] = linear_color(clean[i], inverse);
+            color[i] = min(linear_color(clean[i], inverse), stats.largest[i]);
             if (blend > 0.0) color[i] = mix(color[i], linear_color(noisy[i], inverse), blend);
         }
+        if (noisy.w != 0.0) {
+            vec3 taken = vec3(0.0);
+            for (int i = 0; i < 3; ++i) taken[i] = linear_color(noisy[i], inverse);
+            float otherwise = linear_color(abs(noisy.w) - 1.0, inverse);
+            color = with_light_around(color, at, taken, otherwise, noisy.w < 0.0);
+        }
+        color = min(color, vec3(TARGET_MAX));
     }
     if (quiet > 0.0) {
-        vec3 own = min(read_color(at), vec3(TARGET_MAX));
+        vec3 own = min(light_of(read_color(at)), vec3(TARGET_MAX));
         color = quiet < 1.0 ? mix(color, own, quiet) : own;
     }
 #ifdef IMAGES

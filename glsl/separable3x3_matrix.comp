@@ -5,10 +5,12 @@
 #include "shared/tiles.glsl"
 #define EPILOGUE_ID 4         // after those of matrix.glsl
 #include "shared/epilogue.glsl"
-#include "shared/matrix.glsl"
 layout(constant_id = 5) const uint TILES = 4;   // of a workgroup: 1, 2 or 4
-layout(constant_id = 6) const uint INPUTS = 32; // staged at a time, a divisor of all
-layout(constant_id = 7) const uint INNER_EPILOGUE = 0u;
+layout(constant_id = 6) const uint HALVES = 1;  // subgroups that share the tokens of a tile: 1 or 2
+#define SUBGROUPS (4u * HALVES)
+#include "shared/matrix.glsl"
+layout(constant_id = 7) const uint INPUTS = 32; // staged at a time, a divisor of all
+layout(constant_id = 8) const uint INNER_EPILOGUE = 0u;
 
 layout(push_constant) uniform Push {
     Source src;
@@ -35,6 +37,7 @@ layout(push_constant) uniform Push {
 const uint VECTORS = INPUTS / 4u;               // of four halves
 const uint STRIDE = INPUTS / 8u + 1u;           // of a token's row, in vectors of eight
 const uint STAGED_INPUTS = TILES * 64u * STRIDE;
+const uint STAGED_BLOCKS = 4u / TILES * INPUTS / 16u;
 #include "shared/matrix_dense.glsl"
 
 // One row of three tokens times one row of taps.
@@ -92,15 +95,15 @@ void main() {
     uint rows = own_tile * TOKENS * STRIDE;
     uint inputs = 4u * src_channels;
     bool computes = live && own_outputs * (OUTPUTS / 4u) < dst_channels;
-    Halves matrix = Halves(weights);
-    uint at = bias_vectors * 8u + own_outputs * inputs * OUTPUTS;
+    const uint BLOCKS = INPUTS / 16u;
 
     clear_sums();
     for (uint first = 0u; first < inputs; first += INPUTS) {
         barrier();
         stage(rows, origin, first / 4u);
+        stage_weights(Vectors(weights), first / 16u, inputs / 16u, 0u, BLOCKS, BLOCKS);
         barrier();
-        if (computes) multiply_add(rows, STRIDE, matrix, at + first * OUTPUTS, INPUTS);
+        if (computes) multiply_add(rows, STRIDE, own_split * BLOCKS, INPUTS);
     }
     FINISH_SUMS(finish)
 }

@@ -49,7 +49,7 @@ layout(push_constant) uniform Push {
 
 #include "shared/read_color.glsl"
 #include "shared/read_depth.glsl"
-#include "shared/good_pixel.glsl"
+#include "shared/samples.glsl"
 
 const uint FLAG_NOISE_HALF = 1u << 16;
 const uint FLAG_VARIANCE = 1u << 17;
@@ -78,7 +78,16 @@ float layer_noise(uvec2 at, vec3 radiance) {
     float value = read_noise(at);
     if (!is_finite(value) || value < 0.0) return ALWAYS;
     if ((flags & FLAG_SAMPLES) != 0u) return value > 0.0 ? inversesqrt(value) : ALWAYS;
-    return min(sqrt(value) / (luminance(radiance) + FLOOR / stats.exposure), ALWAYS);
+    return min(sqrt(value) / (luminance(light_of(radiance)) + FLOOR / stats.exposure), ALWAYS);
+}
+
+// Whether nothing is missing of a pixel, and it is no lone bright one.
+bool is_sound(uvec2 at, vec3 radiance) {
+    if (!all(are_finite(radiance))) return false;
+    float light = largest_of(radiance);
+    if (light <= FIREFLY_KEYS * stats.key) return true;
+    vec2 neighbours = brightest_around(at);
+    return !is_absurd(light, stats.key, neighbours) && !is_firefly(light, stats.key, neighbours);
 }
 
 vec3 log_at(uint x, uint y) {
@@ -99,7 +108,7 @@ void main() {
     for (uint i = lane; i < SIDE * SIDE; i += 64u) {
         ivec2 at = abs(ivec2(origin) + ivec2(i % SIDE, i / SIDE) - 1);
         vec3 radiance = read_color(uvec2(reflect_index(uint(at.x), width), reflect_index(uint(at.y), height)));
-        logs[i] = is_valid(radiance) ? log(min(radiance * stats.exposure, vec3(MAX_FLOAT)) + FLOOR) : vec3(0.0);
+        logs[i] = all(are_finite(radiance)) ? log(min(light_of(radiance) * stats.exposure, vec3(MAX_FLOAT)) + FLOOR) : vec3(0.0);
     }
     barrier();
 
@@ -114,7 +123,7 @@ void main() {
         uvec2 at = origin + local;
         if (at.x >= width || at.y >= height) continue;
         vec3 radiance = read_color(at);
-        if (!is_good(at, radiance)) sum = vec3(ALWAYS);
+        if (!is_sound(at, radiance)) sum = vec3(ALWAYS);
         if ((flags & (FLAG_VARIANCE | FLAG_SAMPLES)) != 0u) layer = max(layer, layer_noise(at, radiance));
         if ((flags & FLAG_DEPTH) == 0u || read_depth(at) > 0.0) ground = true;
         vec3 response = vec3(0.0);

@@ -10,6 +10,7 @@
 #include "shared/matrix.glsl"
 layout(constant_id = 4) const uint INPUTS = 32; // staged at a time, a divisor of all
 const uint TILES = SUBGROUPS;
+const uint HALVES = 1u;
 
 layout(push_constant) uniform Push {
     Source src;
@@ -32,6 +33,10 @@ const uint VECTORS = INPUTS / 8u;               // of eight halves
 const uint TOKEN = VECTORS + 1u;
 const uint SOURCE_ROWS = 7u + TAPS;
 const uint STAGED_INPUTS = TILES * SOURCE_ROWS * 8u * TOKEN;
+// The weights come straight from memory: staged with the inputs they leave room for half as many of these, which took twice as long.
+const uint STAGED_BLOCKS = 0u;
+const uint bias_vectors = 1u;
+const uint dst_channels = OUTPUTS / 4u;
 #include "shared/matrix_dense.glsl"
 
 const uint SETS = 9u;
@@ -64,6 +69,15 @@ void stage(uint rows, uvec2 origin, uint first, uint kx) {
     }
 }
 
+layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer Halves { float16_t v[]; };
+
+// The weights of DEPTH rows, which begin `at` halves into the packed ones.
+void load_rows(Halves weights, uint at, out MatrixB columns[COLUMN_TILES]) {
+    [[unroll]] for (uint n = 0u; n < COLUMN_TILES; ++n) {
+        coopMatLoad(columns[n], weights.v, at + n * COLUMNS, OUTPUTS, gl_CooperativeMatrixLayoutRowMajor);
+    }
+}
+
 // sums += the products of one column of taps; the weights of its first tap begin at `at`, those of the next ones `row_of_taps`
 // further each.
 void multiply_column(uint rows, Halves weights, uint at, uint row_of_taps) {
@@ -76,7 +90,7 @@ void multiply_column(uint rows, Halves weights, uint at, uint row_of_taps) {
         }
         [[unroll]] for (uint ky = 0u; ky < TAPS; ++ky) {
             MatrixB columns[COLUMN_TILES];
-            load_weights(weights, at + ky * row_of_taps + k * OUTPUTS, columns);
+            load_rows(weights, at + ky * row_of_taps + k * OUTPUTS, columns);
             [[unroll]] for (uint m = 0u; m < ROW_TILES; ++m) {
                 [[unroll]] for (uint n = 0u; n < COLUMN_TILES; ++n) {
                     sums[m * COLUMN_TILES + n] = coopMatMulAdd(inputs[m * STEP + ky], columns[n], sums[m * COLUMN_TILES + n]);
@@ -113,7 +127,7 @@ void main() {
                 multiply_column(rows, matrix, at, TAPS * inputs * OUTPUTS);
             }
         }
-        [[unroll]] for (uint part = 0u; part < TOKENS / SUMS_TOKENS; ++part) {
+        [[unroll]] for (uint part = 0u; part < OWN_TOKENS / SUMS_TOKENS; ++part) {
             stage_sums(part);
             for (uint i = gl_SubgroupInvocationID; live && i < SUMS_TOKENS * 4u; i += LANES) {
                 // Pixels of a row follow one another.

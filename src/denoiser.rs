@@ -4,6 +4,7 @@ use crate::engine::{self, Engine};
 use crate::error::{Error, Result};
 use crate::frame::{Extent, Features, Frame, PlaneMut, Region, check_in_place};
 use crate::host::HostPass;
+use crate::kernels::frame_io::Fireflies;
 use crate::kernels::{Arithmetic, Storage};
 use crate::memory::MemoryRequired;
 use crate::net::Folds;
@@ -13,6 +14,7 @@ use crate::plan::active::ActiveTiles;
 use crate::plan::quiet_mode::QuietMode;
 use crate::plan::{ConvAlgorithm, ConvTable, SeparableForm};
 use crate::profile::KernelRecord;
+use crate::renderer::BufferAddress;
 use crate::tune;
 use crate::vk::device::Device;
 use crate::vk::statistics::PipelineStatistic;
@@ -75,6 +77,9 @@ pub enum Exposure {
     /// Given by the caller, a normal number above 0. One factor for all frames of a sequence keeps them from flickering:
     /// take [`Report::exposure`] of the first.
     Fixed(f32),
+    /// From a 32-bit float in a renderer's buffer, read when the recorded commands run: for an exposure that the GPU
+    /// itself adapts. Where it is no normal number above 0, the frame's own. Not for the host path.
+    Buffer(BufferAddress),
 }
 
 /// How a denoiser works.
@@ -86,6 +91,8 @@ pub struct Options {
     pub exposure: Exposure,
     /// Share of the noisy colour in the host path's result, 0 (all denoised) to 1 (all noisy).
     pub blend: f32,
+    /// What the host path does with fireflies.
+    pub fireflies: Fireflies,
     /// Which of the network's operations are folded into others: the same result but for rounding, for less work. `None`:
     /// those that pay on the device.
     pub folds: Option<Folds>,
@@ -202,8 +209,9 @@ impl Denoiser {
         cpu: bool,
         table: ConvTable,
     ) -> Result<Self> {
-        let frame = FrameOptions { exposure: options.exposure, blend: options.blend, ..FrameOptions::default() };
-        frame.check()?;
+        let Options { exposure, blend, fireflies, .. } = *options;
+        let frame = FrameOptions { exposure, blend, fireflies, ..FrameOptions::default() };
+        check_host(&frame)?;
         options.quiet.map_or(Ok(()), |quiet| quiet.check())?;
         let mut engine = Engine::new(device, weights, options, table)?;
         engine.cpu = cpu;
@@ -216,9 +224,14 @@ impl Denoiser {
     /// [`Error::InvalidOption`]; the exposure then stays as it was.
     pub fn set_exposure(&mut self, exposure: Exposure) -> Result<()> {
         let options = FrameOptions { exposure, ..self.options };
-        options.check()?;
+        check_host(&options)?;
         self.options = options;
         Ok(())
+    }
+
+    /// Sets what the host path does with fireflies.
+    pub fn set_fireflies(&mut self, fireflies: Fireflies) {
+        self.options.fireflies = fireflies;
     }
 
     /// The pixels that the host path computes and writes from now on; `None`, as at first: all. They get the bits that the
@@ -350,5 +363,17 @@ impl Denoiser {
             None => HostPass::new(&self.engine, extent)?,
         };
         Ok((self.host.insert(pass), self.options))
+    }
+}
+
+/// Refuses what only a renderer can give.
+fn check_host(options: &FrameOptions) -> Result<()> {
+    options.check()?;
+    match options.exposure {
+        Exposure::Buffer(_) => Err(Error::InvalidOption {
+            option: "exposure",
+            reason: "a buffer; the host path takes it from the frame or as a fixed number".into(),
+        }),
+        _ => Ok(()),
     }
 }

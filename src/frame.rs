@@ -337,7 +337,8 @@ impl Features<'_> {
 pub struct Frame<'a> {
     /// Size in pixels.
     pub extent: Extent,
-    /// Colour: three channels of linear radiance (HDR). Non-finite and negative pixels are allowed and mended.
+    /// Colour: three channels of linear radiance (HDR). Samples that are not finite are mended, negative
+    /// ones count as 0.
     pub color: Plane<'a>,
     /// Auxiliary features.
     pub features: Features<'a>,

@@ -44,8 +44,9 @@
 //! # }
 //! ```
 //!
-//! The same input on the same device gives the same bits. Non-finite, negative and absurdly bright pixels and
-//! isolated fireflies are mended and stay local. All types are `Send` and `Sync`; what records or runs takes `&self` or `&mut self` as its doc says.
+//! The same input on the same device gives the same bits. Samples that are no light (NaN, infinite, negative) and
+//! absurd lone pixels are mended and stay local; lamps and suns keep their energy; fireflies are a choice
+//! ([`Fireflies`]). All types are `Send` and `Sync`; what records or runs takes `&self` or `&mut self` as its doc says.
 
 mod cache;
 pub mod denoiser;
@@ -78,6 +79,7 @@ pub use cache::Cache;
 pub use denoiser::{Denoiser, Exposure, Options, Precision, Quiet, Report};
 pub use error::{Error, Result};
 pub use frame::{Extent, Features, Frame, Layout, Noise, Plane, PlaneMut, Region, Samples, SamplesMut};
+pub use kernels::frame_io::Fireflies;
 pub use kernels::quiet::NoiseKind;
 pub use memory::MemoryRequired;
 pub use net::weights::Weights;
@@ -86,7 +88,9 @@ pub use plan::active::{ActiveTiles, Part};
 pub use plan::quiet_mode::{QuietMargins, QuietMode};
 pub use profile::{KernelRecord, Profiler};
 pub use quality::Quality;
-pub use renderer::{BufferFrame, BufferPlane, ImageFormat, ImageFrame, ImagePlane, SampleFormat};
+pub use renderer::{
+    BufferAddress, BufferFrame, BufferPlane, FrameStatistics, ImageFormat, ImageFrame, ImagePlane, SampleFormat,
+};
 pub use vk::caps::{DeviceInfo, DeviceKind, Requirements};
 pub use vk::device::{Device, DeviceOptions, RendererDevice};
 pub use vk::selector::DeviceSelector;

@@ -5,6 +5,7 @@ use crate::descriptors::{DescriptorSets, Resources};
 use crate::engine::Engine;
 use crate::error::{Error, Result};
 use crate::frame::{Extent, Region};
+use crate::kernels::frame_io::Fireflies;
 use crate::kernels::quiet::NoiseKind;
 use crate::kernels::{Addresses, BufferId, FrameArgs, PlaneArgs, TexelRange, Variants};
 use crate::net::weights::ExposureRule;
@@ -12,7 +13,7 @@ use crate::plan::active::{ActiveTiles, Work};
 use crate::plan::{self, Dispatch, Place, Plan, Present};
 use crate::profile::Profiler;
 use crate::record::Recording;
-use crate::renderer::{BufferFrame, ImageFormat, ImageFrame, ImagePlane};
+use crate::renderer::{BufferAddress, BufferFrame, ImageFormat, ImageFrame, ImagePlane};
 use crate::vk::device::Device;
 use crate::vk::memory::Buffer;
 use crate::vk::pipeline::Pipeline;
@@ -49,6 +50,10 @@ pub struct FrameOptions {
     pub exposure: Exposure,
     /// Share of the noisy colour in the result, 0 (all denoised) to 1 (all noisy).
     pub blend: f32,
+    /// What is done with fireflies.
+    pub fireflies: Fireflies,
+    /// Where the recorded commands write a [`FrameStatistics`](crate::FrameStatistics).
+    pub statistics: Option<BufferAddress>,
     /// The pixels that are wanted; `None`: all. Only what they depend on is computed and only they are written, with the
     /// bits that they have in the whole frame.
     pub region: Option<Region>,
@@ -62,7 +67,14 @@ pub struct FrameOptions {
 
 impl Default for FrameOptions {
     fn default() -> Self {
-        Self { exposure: Exposure::Auto, blend: 0.0, region: None, features_unchanged: false }
+        Self {
+            exposure: Exposure::Auto,
+            blend: 0.0,
+            fireflies: Fireflies::Auto,
+            statistics: None,
+            region: None,
+            features_unchanged: false,
+        }
     }
 }
 
@@ -72,7 +84,9 @@ impl FrameOptions {
             let reason = format!("{}; it must be in [0, 1]", self.blend);
             return Err(Error::InvalidOption { option: "blend", reason });
         }
+        self.statistics.map_or(Ok(()), |place| place.check("statistics"))?;
         match self.exposure {
+            Exposure::Buffer(place) => place.check("exposure"),
             Exposure::Fixed(factor) if !(factor.is_normal() && factor > 0.0) => Err(Error::InvalidOption {
                 option: "exposure",
                 reason: format!("{factor}; a fixed exposure must be a normal number above 0"),
@@ -254,6 +268,7 @@ impl Pass {
     ///   before `COMPUTE_SHADER`. Images are in the layouts that they were bound with.
     /// * First thing recorded: a barrier from compute to compute over the pass's own arena, so that frames in flight on
     ///   one queue do not disturb each other.
+    ///   A buffer of [`Exposure::Buffer`] counts as an input plane, one of [`FrameOptions::statistics`] as an output.
     /// * After: the output was written in `COMPUTE_SHADER` with `VK_ACCESS_SHADER_WRITE_BIT`; the renderer puts the barrier
     ///   that its next use needs. Bound compute pipeline, compute descriptor set 0 and push constants have changed.
     ///
@@ -261,10 +276,9 @@ impl Pass {
     /// [`Error::InvalidOption`], also where the region leaves the frame; [`Error::Binding`] where the binding was made for
     /// another frame size.
     ///
-    /// # Safety
-    /// `commands` is recording, belongs to the denoiser's device and to a family with compute, and is outside a render
-    /// pass. The pass, the binding and what it names live until the commands have run. The pass's recordings run on one
-    /// queue.
+    /// # Safety `commands` is recording, belongs to the denoiser's device and to a family with compute, and is outside
+    /// a render pass. The pass, the binding, what it names and the options' buffers live until the commands have run.
+    /// The pass's recordings run on one queue.
     pub unsafe fn record(&self, commands: vk::CommandBuffer, binding: &Binding, options: &FrameOptions) -> Result<()> {
         // SAFETY: the caller's promises are the same.
         unsafe { self.record_with(commands, binding, options, None) }
@@ -309,6 +323,12 @@ impl Pass {
             )));
         }
         let dispatches = self.dispatches(binding, options)?;
+        // SAFETY: the caller vouches for the buffers.
+        let resolve = |place: &BufferAddress| unsafe { place.resolve(&self.engine.device) };
+        let exposure_at = match &options.exposure {
+            Exposure::Buffer(place) => Some(resolve(place)),
+            _ => None,
+        };
         let timestamps = match profiled {
             Some((profiler, slot)) => Some(profiler.begin(slot, &dispatches, binding.variants)?),
             None => None,
@@ -321,10 +341,13 @@ impl Pass {
                 frame: FrameArgs {
                     exposure: match (options.exposure, self.engine.exposure_rule) {
                         (Exposure::Fixed(factor), _) => Some(factor),
-                        (Exposure::Auto, ExposureRule::Auto) => None,
-                        (Exposure::Auto, ExposureRule::None) => Some(1.0),
+                        (_, ExposureRule::Auto) => None,
+                        (_, ExposureRule::None) => Some(1.0),
                     },
+                    exposure_at,
+                    told_at: options.statistics.as_ref().map(resolve),
                     blend: options.blend,
+                    fireflies: options.fireflies,
                     quiet_threshold: self.engine.quiet_threshold,
                     ..binding.planes
                 },

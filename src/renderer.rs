@@ -38,6 +38,56 @@ pub struct BufferPlane {
     pub layout: Layout,
 }
 
+/// A place in a `VkBuffer`.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct BufferAddress {
+    /// The buffer, created with `VK_BUFFER_USAGE_SHADER_DEVICE_ADDRESS_BIT` and `VK_BUFFER_USAGE_STORAGE_BUFFER_BIT`
+    /// and bound to memory.
+    pub buffer: vk::Buffer,
+    /// Bytes from its start, a multiple of 4.
+    pub offset: u64,
+}
+
+impl BufferAddress {
+    pub(crate) fn check(&self, option: &'static str) -> Result<()> {
+        if self.offset.is_multiple_of(4) {
+            return Ok(());
+        }
+        let reason = format!("byte {} of a buffer; the offset must be a multiple of 4", self.offset);
+        Err(Error::InvalidOption { option, reason })
+    }
+
+    /// # Safety
+    /// The buffer is valid, as its field says, and of the device.
+    pub(crate) unsafe fn resolve(&self, device: &Device) -> u64 {
+        // SAFETY: the caller vouches for the buffer.
+        unsafe { address(device, self.buffer) + self.offset }
+    }
+}
+
+/// # Safety
+/// The buffer is valid, of the device, and was created to have an address.
+unsafe fn address(device: &Device, buffer: vk::Buffer) -> u64 {
+    let info = vk::BufferDeviceAddressInfo::default().buffer(buffer);
+    // SAFETY: the caller vouches for the buffer.
+    unsafe { device.raw().get_buffer_device_address(&info) }
+}
+
+/// What a recording tells of its frame ([`crate::FrameOptions::statistics`]).
+#[repr(C)]
+#[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
+pub struct FrameStatistics {
+    /// The factor on the colour that was used.
+    pub exposure: f32,
+    /// What depths were divided by, in the renderer's own unit; 0 where there is no depth.
+    pub depth_scale: f32,
+    /// The frame's key: its robust log-mean luminance. The frame's own exposure is 0.18 over it.
+    pub key: f32,
+    /// The share of the lit pixels that differ from the mean of their left and right neighbours by more than 8 % of
+    /// what the three have; 1 where nothing is lit.
+    pub noise: f32,
+}
+
 /// A frame in the renderer's buffers. Output and colour may be the same plane.
 #[derive(Clone, Copy, Debug)]
 pub struct BufferFrame {
@@ -115,9 +165,8 @@ impl BufferPlane {
         // The shader counts from the first sample in 32 bits.
         let from_first = Layout { offset: 0, ..self.layout };
         from_first.check(name, extent, channels, u64::from(u32::MAX))?;
-        let info = vk::BufferDeviceAddressInfo::default().buffer(self.buffer);
         // SAFETY: the caller vouches for the buffer.
-        let base = unsafe { device.raw().get_buffer_device_address(&info) };
+        let base = unsafe { address(device, self.buffer) };
         let first = base + self.layout.offset as u64 * bytes;
         // Shaders load whole words: an odd half begins in the middle of one.
         let address = first & !3;

@@ -23,6 +23,7 @@ const KEEPING: Options = Options {
     precision: vkdenoise::Precision::Auto,
     exposure: vkdenoise::Exposure::Auto,
     blend: 0.0,
+    fireflies: vkdenoise::Fireflies::Auto,
     folds: None,
     conv: None,
     separable: None,

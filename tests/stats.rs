@@ -8,8 +8,8 @@ use common::planes::{Samples, TestFrame, TestPlane, odd_layout};
 use common::random::Random;
 use half::f16;
 use vkdenoise::frame::{Extent, Region};
-use vkdenoise::kernels::frame_io::{InputAux, InputColor, Output};
-use vkdenoise::kernels::stats::{self, Clear, Counted, Histogram, Key, Select, TileMeans};
+use vkdenoise::kernels::frame_io::{Fireflies, InputAux, InputColor, Output};
+use vkdenoise::kernels::stats::{self, Clear, Counted, Histogram, Select, TileStats};
 use vkdenoise::kernels::{BufferId, Call, PlaneArgs, Storage, Tiles, Variants, View};
 use vkdenoise::net::{Block, Convolution, Weights};
 use vkdenoise::plan::{Buffer, Place};
@@ -18,12 +18,13 @@ use vkdenoise::testing::{Bench, SENTINEL};
 
 const STATS: BufferId = BufferId(0);
 const HISTOGRAM: BufferId = BufferId(1);
-const TILE_LOGS: BufferId = BufferId(2);
+const TILE_STATS: BufferId = BufferId(2);
 const LOG_COLOR: BufferId = BufferId(3);
 const AUX: BufferId = BufferId(4);
 const RESIDUAL: BufferId = BufferId(5);
 const TILE_LIST: BufferId = BufferId(6);
 const DEPTH_SCALE: BufferId = BufferId(7);
+const RUNS: BufferId = BufferId(8);
 
 const BUFFER_VARIANTS: Variants = Variants { cpu: false, images: false, output_half: false };
 
@@ -49,22 +50,22 @@ fn residual(extent: Extent) -> View {
     view(extent, RESIDUAL, 4, 4, 12)
 }
 
-fn tile_means(Extent { width, height }: Extent) -> TileMeans {
-    TileMeans { stats: STATS, dst: TILE_LOGS, width, height }
+fn tile_stats(Extent { width, height }: Extent) -> TileStats {
+    TileStats { stats: STATS, dst: TILE_STATS, runs: RUNS, width, height }
 }
 
 fn buffers(extent: Extent) -> Vec<Buffer> {
     let tokens = padded(extent).0 as u64 * padded(extent).1 as u64;
-    let tiles = u64::from(tile_means(extent).tiles());
     let sizes = [
         ("stats", 4 * stats::STATS_FLOATS),
         ("histogram", stats::HISTOGRAM_BYTES),
-        ("tile logs", 4 * tiles),
+        ("tile stats", tile_stats(extent).tile_bytes()),
         ("log color", 16 * tokens),
         ("aux", 32 * tokens),
         ("residual", 48 * tokens),
         ("tile list", tokens / 16),
         ("depth scale", 4),
+        ("runs", tile_stats(extent).run_bytes()),
     ];
     let place = Place::Arena { block: 0, offset: 0 };
     sizes.map(|(name, bytes)| Buffer { name: name.into(), bytes, storage: Storage::F32, place: place.clone() }).into()
@@ -116,6 +117,45 @@ impl<'a> Rig<'a> {
     fn share(&mut self, id: BufferId) {
         let values: Vec<f32> = self.reference.buffer(id).iter().map(|&v| v as f32).collect();
         self.set(id, &values);
+    }
+
+    /// What is known of the tiles, as the reference has it, on both sides.
+    fn set_tile_stats(&mut self, values: &[f64]) {
+        let word = |(i, &value): (usize, &f64)| match (i % 4, value.is_nan()) {
+            (3, _) => f32::from_bits(value as u32),
+            (_, true) => f32::from_bits(u32::MAX),
+            (_, false) => value as f32,
+        };
+        let words: Vec<f32> = values.iter().enumerate().map(word).collect();
+        self.bench.upload(TILE_STATS, &words);
+        let rounded: Vec<f64> =
+            values.iter().enumerate().map(|(i, &v)| if i % 4 == 3 { v } else { (v as f32).into() }).collect();
+        self.reference.set_buffer(TILE_STATS, &rounded);
+    }
+
+    /// Compares the tiles' means, and how many pixels of all are lit and noisy.
+    fn compare_tile_stats(&self, limit: f64) {
+        let (found, expected) = (self.download(TILE_STATS), self.reference.buffer(TILE_STATS));
+        let mut apart = [0, 0];
+        let mut pixels = 0;
+        for (i, (found, &expected)) in found.iter().zip(expected).enumerate() {
+            match i % 4 {
+                3 => {
+                    let parts = |bits: u32| [bits & 0xffff, bits >> 16];
+                    let (a, b) = (parts(found.to_bits()), parts(expected as u32));
+                    pixels += b[0];
+                    (0..2).for_each(|part| apart[part] += a[part].abs_diff(b[part]));
+                }
+                _ if expected.is_nan() => assert_eq!(found.to_bits(), u32::MAX, "{}: word {i}", self.name),
+                _ => {
+                    let error = (f64::from(*found) - expected).abs();
+                    assert!(error <= limit * expected, "{}: word {i} is {found}, not {expected}", self.name);
+                }
+            }
+        }
+        assert_eq!(apart[0], 0, "{}: lit pixels", self.name);
+        // A pixel may lie on the edge.
+        assert!(f64::from(apart[1]) <= 0.002 * f64::from(pixels), "{}: {apart:?} of {pixels}", self.name);
     }
 
     /// Compares a buffer: what is written differs by at most `limit` relative to what `scale` makes of its value, the
@@ -179,6 +219,23 @@ fn frames() -> Vec<(&'static str, TestFrame)> {
     let lit = [2835, 0, 150, 220, 1000, 1001, 1002, 1400, 1401, 1470, 1471, 2000];
     let mut fireflies: Vec<_> = lit.map(|at| (at, [100.0, 3e4, 5.0])).into();
     fireflies.extend([(2001, [nan; 3]), (2500, [190.0; 3])]);
+    // Holes of NaN, all or one channel, larger than what single pixels are mended from; a lamp of +Inf and a lone one.
+    let square = |left: usize, top: usize, side: usize, color: [f32; 3]| {
+        (0..side * side).map(move |i| (70 * (top + i / side) + left + i % side, color))
+    };
+    let mut holes: Vec<_> = square(20, 3, 26, [nan; 3]).chain(square(50, 20, 12, [1.0, nan, 2.0])).collect();
+    holes.extend(square(3, 30, 4, [inf; 3]).chain([(70 * 40 + 60, [0.5, inf, nan]), (70 * 44, [-1.0, 2.0, -0.5])]));
+    holes.extend(square(52, 22, 2, [nan, inf, 1.0]));
+    // A sun, stars of several sizes, wide-gamut colours.
+    let mut lights: Vec<_> = square(10, 10, 5, [1.6e9, 1e9, 3e8]).chain(square(40, 30, 2, [1e12; 3])).collect();
+    lights.extend([300, 340, 341, 2000, 2010].map(|at| (at, [500.0, 40.0, 0.01])));
+    lights.extend([(420, [nan, 1e20, 1.0]), (69, [9e5; 3])]);
+    lights.extend(square(30, 3, 5, [-0.02, 0.05, 0.9]));
+    let smooth = || {
+        let value =
+            |i: usize| 0.2 + 0.001 * ((i / 3 % 70) as f32) + if i / 210 > 22 { 0.1 * (i % 7) as f32 } else { 0.0 };
+        TestFrame::of_color(odd, (0..3 * 70 * 45).map(value).collect())
+    };
     let black_tile: Vec<_> = (0..8).flat_map(|y| (0..8).map(move |x| (70 * y + 8 + x, [0.0; 3]))).collect();
     let mut depths = Random::new(5).values(70 * 45, 2.0, 9.0);
     for (i, depth) in [nan, inf, -inf, -1.0, 0.0, 1e9, 1e10, 9e8].into_iter().enumerate() {
@@ -204,6 +261,12 @@ fn frames() -> Vec<(&'static str, TestFrame)> {
         ("bad depths in halves", with_depth(random(), depths).spread(true)),
         ("no valid depth", with_depth(random(), vec![-1.0; 70 * 45])),
         ("all one depth", with_depth(random(), vec![7.0; 70 * 45])),
+        ("holes", with_pixels(random(), &holes)),
+        ("holes in halves", with_pixels(smooth(), &holes).spread(true)),
+        ("lights among noise", with_pixels(random(), &lights)),
+        ("lights", with_pixels(smooth(), &lights)),
+        ("lights, spread out", with_pixels(smooth(), &lights).spread(false)),
+        ("all infinite", flat(Extent::new(9, 9), inf)),
     ]
 }
 
@@ -234,25 +297,49 @@ fn statistics() {
         }
 
         let median = rig.reference.buffer(STATS)[0];
-        rig.set(STATS, &[median as f32, f32::NAN, f32::NAN]);
-        rig.run(&[Call::StatsTiles(tile_means(frame.extent))]);
-        let (found, expected) = (rig.download(TILE_LOGS), rig.reference.buffer(TILE_LOGS));
+        rig.set(STATS, &[median as f32, f32::NAN, f32::NAN, f32::NAN, f32::NAN, f32::NAN, f32::NAN]);
+        rig.run(&[Call::StatsTiles(tile_stats(frame.extent))]);
+        rig.compare_tile_stats(2e-6);
+        // Sums of logarithms, and counts: of noisy pixels some may be others.
+        let (found, expected) = (rig.download(RUNS), rig.reference.buffer(RUNS));
         for (i, (&found, &expected)) in found.iter().zip(expected).enumerate() {
-            let error = (f64::from(found) - expected).abs();
-            let dark = found < -1e30 && expected < -1e30;
-            assert!(dark || error <= 3e-6, "{name}: tile {i} is {found}, not {expected}");
+            let bound = [2.4e-5, 0.0, 2.0, 0.0, 0.0, 0.0, 0.0, 0.0][i % 8];
+            assert!((f64::from(found) - expected).abs() <= bound, "{name}: run value {i} is {found}, not {expected}");
         }
 
-        rig.share(TILE_LOGS);
-        let tiles = tile_means(frame.extent).tiles();
-        let key = Call::StatsKey(Key { src: TILE_LOGS, tiles, stats: STATS });
+        rig.share(RUNS);
+        let tiles: Vec<f64> = rig.reference.buffer(TILE_STATS).to_vec();
+        rig.set_tile_stats(&tiles);
+        let key = Call::StatsKey(tile_stats(frame.extent).key(DEPTH_SCALE));
         rig.run(std::slice::from_ref(&key));
         rig.compare(STATS, 3e-6, f64::abs);
+        rig.compare_tile_stats(2e-6);
+        let has_gaps = rig.reference.buffer(TILE_STATS).iter().any(|mean| mean.is_nan());
+        assert_eq!(has_gaps, name.starts_with("all bad") || name.starts_with("all infinite"), "{name}");
         rig.bench.planes.exposure = Some(3.5);
-        rig.bench.run(&[key]).unwrap();
+        rig.bench.run(std::slice::from_ref(&key)).unwrap();
         assert_eq!(rig.download(STATS)[2], 3.5, "{name}: a fixed exposure is taken as it is");
+        exposure_by_buffer(&mut rig, &key);
     }
     assert_no_validation_messages();
+}
+
+/// An exposure in a buffer comes before the fixed one, unless it is none; what was used is told.
+fn exposure_by_buffer(rig: &mut Rig, key: &Call) {
+    let [given, told] = [4, 16].map(|bytes| rig.bench.buffer("of the caller", bytes).unwrap());
+    let address = |rig: &Rig, id| rig.bench.plane(id, 1, 1, 1).address;
+    rig.bench.planes.exposure_at = Some(address(rig, given));
+    rig.bench.planes.told_at = Some(address(rig, told));
+    for (value, expected) in [(0.7, 0.7), (0.0, 3.5), (-1.0, 3.5), (f32::NAN, 3.5), (f32::INFINITY, 3.5), (1e-40, 3.5)]
+    {
+        rig.bench.upload(given, &[value]);
+        rig.bench.run(std::slice::from_ref(key)).unwrap();
+        let stats = rig.download(STATS);
+        let depth_scale = if rig.bench.planes.depth.present { rig.download(DEPTH_SCALE)[0] } else { 0.0 };
+        assert_eq!(stats[stats::EXPOSURE], expected, "{} given {value}", rig.name);
+        let told = rig.bench.download(told, 4);
+        assert_eq!(told, [expected, depth_scale, stats[stats::KEY], stats[stats::NOISE]], "{}", rig.name);
+    }
 }
 
 fn expected_bits(counts: &[f64]) -> Vec<f32> {
@@ -279,16 +366,38 @@ fn the_way_in() {
         let buffers = buffers(frame.extent);
         let mut rig = Rig::new(name, &frame, &buffers, BUFFER_VARIANTS);
         // Keys from the frame's own to one that makes fireflies of many of its pixels.
-        let key = if name.contains("fireflies") { 0.2 } else { [0.2, 3e-9, 1e-25, 1e34][i % 4] as f32 };
-        rig.set(STATS, &[f32::NAN, key, 0.18 / key]);
+        let bright = ["fireflies", "lights", "holes"].iter().any(|word| name.contains(word));
+        let key = if bright { 0.2 } else { [0.2, 3e-9, 1e-25, 1e34][i % 4] as f32 };
         rig.set(DEPTH_SCALE, &[7.5]);
+        let mut random = Random::new(i as u64);
+        // Some tiles are noisy, some are not, some know nothing; some have no mean, as nothing in the frame is good.
+        let tile_values: Vec<f64> = (0..tile_stats(frame.extent).tiles())
+            .flat_map(|tile| {
+                let mean = if tile % 11 == 5 { f64::NAN } else { random.uniform(0.0, 3.0).into() };
+                let counts: u32 = random.pick(&[0, 2, 48, 48 | 5 << 16, 48 | 48 << 16]);
+                [mean, 1.0, 2.0, counts.into()]
+            })
+            .collect();
+        rig.set_tile_stats(&tile_values);
         let tiles = tiles(&mut rig, frame.extent, i % 3 == 0 && width > 8);
-        rig.run(&[
-            Call::InputColor(InputColor { stats: STATS, dst: log_color(frame.extent), width, height, tiles }),
-            Call::InputAux(InputAux { depth_scale: DEPTH_SCALE, dst: aux(frame.extent), width, height, tiles }),
-        ]);
-        // log1p to 4 ulp, and the roundings of exposure and of a mended pixel's mean before it.
-        rig.compare(LOG_COLOR, 7e-7, f64::abs);
+        for fireflies in [Fireflies::Auto, Fireflies::Keep, Fireflies::Mend] {
+            let noise = [0.1, 0.6][i % 2];
+            rig.set(STATS, &[f32::NAN, key, 0.18 / key, noise, 7.0 * key, 3.0 * key, 1e6 * key]);
+            rig.bench.planes.fireflies = fireflies;
+            rig.reference.set_fireflies(fireflies);
+            let dst = log_color(frame.extent);
+            rig.run(&[Call::InputColor(InputColor {
+                stats: STATS,
+                tile_stats: TILE_STATS,
+                dst,
+                width,
+                height,
+                tiles,
+            })]);
+            // log1p to 4 ulp, and the roundings of exposure and of a mended pixel's mean before it.
+            rig.compare(LOG_COLOR, 7e-7, f64::abs);
+        }
+        rig.run(&[Call::InputAux(InputAux { depth_scale: DEPTH_SCALE, dst: aux(frame.extent), width, height, tiles })]);
         rig.compare(AUX, 2e-7, |value| value.abs().max(0.25));
     }
     assert_no_validation_messages();
@@ -302,10 +411,19 @@ fn the_way_out() {
         let buffers = buffers(extent);
         let mut rig = Rig::new(name, &frame, &buffers, Variants { output_half, ..BUFFER_VARIANTS });
         let exposure = [0.36, 1e-5, 2e4, 1e-33][i % 4];
-        rig.set(STATS, &[f32::NAN, f32::NAN, exposure]);
         let mut random = Random::new(i as u64);
         let tokens = log_color(extent).tokens() as usize;
-        let colors = random.values(4 * tokens, 0.0, [1e-4, 3.0, 11.0][i % 3]);
+        let log_top = [1e-4, 3.0, 11.0][i % 3];
+        // Now and then a result exceeds the frame's largest samples.
+        let largest = [0.5, 0.9, 2.0].map(|share: f32| (log_top * share).exp_m1() / exposure);
+        rig.set(STATS, &[f32::NAN, f32::NAN, exposure, f32::NAN, largest[0], largest[1], largest[2]]);
+        let mut colors = random.values(4 * tokens, 0.0, log_top);
+        // Light goes around the network here and there; what is not finite counts for more than its range.
+        colors
+            .iter_mut()
+            .skip(3)
+            .step_by(4)
+            .for_each(|mark| *mark = random.pick(&[0.0, 0.0, 1.0, 9.0, 60.0, -1.0, -5.0, -60.0]));
         rig.set(LOG_COLOR, &colors);
         // Some take all of the colour away, some more than that, some nothing.
         let mut residuals = random.values(12 * tokens, -3.0, 1.0);
@@ -340,6 +458,7 @@ fn the_way_out() {
 
         let found = samples(&rig.bench.download(output, len), output_half);
         let expected = spread_output(&rig, extent, found.len());
+        let own = spread_color(&frame, found.len());
         for (at, (&found, &expected)) in found.iter().zip(&expected).enumerate() {
             if expected.is_nan() {
                 assert!(found.is_nan(), "{name}: sample {at} was written: {found}");
@@ -347,7 +466,9 @@ fn the_way_out() {
             }
             // c + r is rounded before the exponential; then a rounding of halves.
             let step = if output_half { 5e-4 * expected.abs() + 3e-8 } else { 0.0 };
-            let bound = 2e-6 * (expected + 1.0 / f64::from(exposure)) + step;
+            // What went around is a difference of two that may be larger.
+            let own = own[at].filter(|own| own.is_finite()).map_or(0.0, |own| f64::from(own.max(0.0)));
+            let bound = 2e-6 * (expected + own + 1.0 / f64::from(exposure)) + step;
             let error = (f64::from(found) - expected).abs();
             assert!(error <= bound, "{name}: sample {at} is {found:e}, not {expected:e}, limit {bound:.1e}");
         }
@@ -375,6 +496,19 @@ fn samples(floats: &[f32], half: bool) -> Vec<f32> {
     }
     let halves = floats.iter().flat_map(|f| [f.to_bits() as u16, (f.to_bits() >> 16) as u16]);
     halves.map(|bits| f16::from_bits(bits).to_f32()).collect()
+}
+
+/// The caller's colour where the output plane has its result.
+fn spread_color(frame: &TestFrame, len: usize) -> Vec<Option<f32>> {
+    let (layout, _) = odd_layout(frame.extent, 3);
+    let (width, pixels) = (frame.extent.width as usize, frame.extent.pixels() as usize);
+    let mut out = vec![None; len];
+    for i in 0..3 * pixels {
+        let (x, y, channel) = (i / 3 % width, i / 3 / width, i % 3);
+        let at = layout.offset + y * layout.row_stride + x * layout.pixel_stride + channel * layout.channel_stride;
+        out[at] = Some(frame.color.sample(x, y, channel));
+    }
+    out
 }
 
 /// The reference's output where the output plane has it; NaN elsewhere.

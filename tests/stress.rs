@@ -82,7 +82,16 @@ fn check_tiers(wanted: impl Fn(&Tier) -> bool) {
     if tiers.is_empty() {
         return println!("not tested: the device has no such tier");
     }
-    let names = ["one bad pixel", "firefly", "radiance", "nothing unusual", "kilometres", "checkerboard", "sequence"];
+    let names = [
+        "one bad pixel",
+        "neutral",
+        "firefly",
+        "radiance",
+        "nothing unusual",
+        "kilometres",
+        "checkerboard",
+        "sequence",
+    ];
     for tier in tiers {
         check(&weights, tier, |name| names.iter().any(|n| name.contains(n)), |depends| depends == Depends::Engine);
     }

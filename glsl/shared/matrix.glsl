@@ -6,13 +6,15 @@
 #extension GL_EXT_shader_explicit_arithmetic_types_float16 : require
 #extension GL_EXT_control_flow_attributes : require
 
-layout(constant_id = 0) const uint INVOCATIONS = 128;  // of a workgroup: four subgroups
+layout(constant_id = 0) const uint INVOCATIONS = 128;  // of a workgroup
 layout(constant_id = 1) const uint ROWS = 16;
 layout(constant_id = 2) const uint COLUMNS = 16;
 layout(constant_id = 3) const uint DEPTH = 16;
 layout(local_size_x_id = 0, local_size_y = 1, local_size_z = 1) in;
 
-const uint SUBGROUPS = 4u;
+#ifndef SUBGROUPS
+#define SUBGROUPS 4u                                   // of a workgroup
+#endif
 const uint LANES = INVOCATIONS / SUBGROUPS;
 
 #define MatrixA coopmat<float16_t, gl_ScopeSubgroup, ROWS, DEPTH, gl_MatrixUseA>

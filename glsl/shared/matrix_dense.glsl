@@ -1,31 +1,37 @@
-// What the dense kernels on matrices share. A workgroup computes TILES tiles of 8x8 tokens; SPLITS subgroups share a tile, each
-// with 32 of its outputs. The tokens' inputs are staged in shared memory as rows of halves, padded by 16 bytes so that rows
-// begin in different banks. The weights come straight from memory, packed as [32 outputs][row][32 halves]. The sums go back
-// through the shared memory, because what follows (bias, FiLM, activation, shuffles) depends on the channel.
+// What the dense kernels on matrices share. A workgroup computes TILES tiles of 8x8 tokens; a subgroup a HALVES-th of one, 32 of its
+// outputs. Both factors are staged in shared memory: the tokens' inputs as rows of halves, padded by 16 bytes so that rows begin
+// in different banks; the weights as they are packed, [block of outputs][block of 16 rows][output][row]. The sums go back through the
+// same memory, because what follows (bias, FiLM, activation, shuffles) depends on the channel.
 //
-// A kernel defines STAGED_INPUTS, vectors of 16 bytes in which it stages, before it includes this.
+// A kernel defines before it includes this: STAGED_INPUTS, vectors of 16 bytes in which it stages inputs, and STAGED_BLOCKS, blocks of 16
+// rows of weights for 32 outputs.
 layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer Vectors { uvec4 v[]; };
-layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer Halves { float16_t v[]; };
 
-const uint SPLITS = SUBGROUPS / TILES;
+const uint SPLITS = SUBGROUPS / HALVES / TILES;  // subgroups that share the tokens of a tile
 const uint TOKENS = 64u;                        // of a tile
+const uint OWN_TOKENS = TOKENS / HALVES;        // of a subgroup
 #ifndef OUTPUTS
 #define OUTPUTS 32u                             // of a subgroup
 #endif
-const uint ROW_TILES = TOKENS / ROWS;
+const uint ROW_TILES = OWN_TOKENS / ROWS;
 const uint COLUMN_TILES = OUTPUTS / COLUMNS;
 const uint SUMS_STRIDE = OUTPUTS / 4u + 1u;     // in vectors of four floats
-const uint SUMS_TOKENS = 32u;                   // of a tile at a time
+const uint SUMS_TOKENS = 32u / HALVES;          // of a subgroup at a time
 const uint STAGED_SUMS = SUBGROUPS * SUMS_TOKENS * SUMS_STRIDE;
 
-shared uvec4 staged[STAGED_INPUTS > STAGED_SUMS ? STAGED_INPUTS : STAGED_SUMS];
+const uint BLOCK = 16u * OUTPUTS / 8u;           // vectors of a block of weights
+const uint STAGED_FACTORS = STAGED_INPUTS + STAGED_BLOCKS * BLOCK;
 
-// This subgroup's tile among those of its workgroup, and its block of outputs.
-uint own_tile = gl_SubgroupID / SPLITS;
-uint own_outputs = gl_WorkGroupID.y * SPLITS + gl_SubgroupID % SPLITS;
+shared uvec4 staged[STAGED_FACTORS > STAGED_SUMS ? STAGED_FACTORS : STAGED_SUMS];
+
+// This subgroup's tile among those of its workgroup, its half of that, and its block of outputs.
+uint own_tile = gl_SubgroupID / (HALVES * SPLITS);
+uint own_half = gl_SubgroupID % HALVES;
+uint own_split = gl_SubgroupID / HALVES % SPLITS;
+uint own_outputs = gl_WorkGroupID.y * SPLITS + own_split;
 // This invocation among those that share a tile.
-const uint TILE_LANES = SPLITS * LANES;
-uint tile_lane = gl_SubgroupID % SPLITS * LANES + gl_SubgroupInvocationID;
+const uint TILE_LANES = HALVES * SPLITS * LANES;
+uint tile_lane = gl_SubgroupID % (HALVES * SPLITS) * LANES + gl_SubgroupInvocationID;
 
 MatrixSum sums[ROW_TILES * COLUMN_TILES];
 
@@ -33,29 +39,49 @@ void clear_sums() {
     [[unroll]] for (uint i = 0u; i < ROW_TILES * COLUMN_TILES; ++i) sums[i] = MatrixSum(0.0);
 }
 
-// The weights of DEPTH rows, which begin `at` halves into the packed ones.
-void load_weights(Halves weights, uint at, out MatrixB columns[COLUMN_TILES]) {
-    [[unroll]] for (uint n = 0u; n < COLUMN_TILES; ++n) {
-        coopMatLoad(columns[n], weights.v, at + n * COLUMNS, OUTPUTS, gl_CooperativeMatrixLayoutRowMajor);
+// Stages blocks of weights for all outputs of the workgroup: `count` from block `first` of each block of outputs on, of which a block
+// of outputs has `all`. They follow the `before` that are staged already; there are PER_OUTPUTS for a block of outputs in all.
+void stage_weights(Vectors packed, uint first, uint all, uint before, const uint count, const uint PER_OUTPUTS) {
+    for (uint i = gl_LocalInvocationID.x; i < SPLITS * count * BLOCK; i += INVOCATIONS) {
+        uint split = i / (count * BLOCK), at = i % (count * BLOCK);
+        uint outputs = gl_WorkGroupID.y * SPLITS + split;
+        // Beyond the last block of outputs nobody computes.
+        uint from = bias_vectors + (outputs * all + first) * BLOCK + at;
+        if (outputs * OUTPUTS < 4u * dst_channels) {
+            staged[STAGED_INPUTS + (split * PER_OUTPUTS + before) * BLOCK + at] = packed.v[from];
+        }
     }
 }
 
-// sums += `depth` columns of the tokens' rows, which begin at vector `a`, times as many rows of weights from `at` on.
-void multiply_add(uint a, uint a_stride, Halves weights, uint at, const uint depth) {
-    [[unroll]] for (uint k = 0u; k < depth; k += DEPTH) {
-        MatrixB columns[COLUMN_TILES];
-        load_weights(weights, at + k * OUTPUTS, columns);
-        [[unroll]] for (uint m = 0u; m < ROW_TILES; ++m) {
-            MatrixA rows;
-            coopMatLoad(rows, staged, a + m * ROWS * a_stride + k / 8u, a_stride, gl_CooperativeMatrixLayoutRowMajor);
-            [[unroll]] for (uint n = 0u; n < COLUMN_TILES; ++n) {
-                sums[m * COLUMN_TILES + n] = coopMatMulAdd(rows, columns[n], sums[m * COLUMN_TILES + n]);
+// The weights of DEPTH rows, from row `row` of the staged block `block` on.
+void load_weights(uint block, uint row, out MatrixB columns[COLUMN_TILES]) {
+    [[unroll]] for (uint n = 0u; n < COLUMN_TILES; ++n) {
+        uint from = STAGED_INPUTS + block * BLOCK + n * COLUMNS * 2u + row / 8u;
+        coopMatLoad(columns[n], staged, from, 2u, gl_CooperativeMatrixLayoutColumnMajor);
+    }
+}
+
+// sums += `depth` columns of the rows of this subgroup's tokens, times the staged blocks of weights from `block` on. The tile's
+// rows begin at vector `a`.
+void multiply_add(uint a, uint a_stride, uint block, const uint depth) {
+    // Not all unrolled: CPU drivers spell every product out.
+    [[dont_unroll]] for (uint first = 0u; first < depth; first += 16u) {
+        [[unroll]] for (uint k = 0u; k < 16u; k += DEPTH) {
+            MatrixB columns[COLUMN_TILES];
+            load_weights(block + first / 16u, k, columns);
+            [[unroll]] for (uint m = 0u; m < ROW_TILES; ++m) {
+                MatrixA rows;
+                uint from = a + (own_half * OWN_TOKENS + m * ROWS) * a_stride + (first + k) / 8u;
+                coopMatLoad(rows, staged, from, a_stride, gl_CooperativeMatrixLayoutRowMajor);
+                [[unroll]] for (uint n = 0u; n < COLUMN_TILES; ++n) {
+                    sums[m * COLUMN_TILES + n] = coopMatMulAdd(rows, columns[n], sums[m * COLUMN_TILES + n]);
+                }
             }
         }
     }
 }
 
-// Writes the sums of `part` (0 or 1: half of the tile's tokens) to shared memory, for `staged_sum`.
+// Writes the sums of `part` (0 or 1: half of the subgroup's tokens) to shared memory, for `staged_sum`.
 void stage_sums(uint part) {
     barrier();
     uint to = gl_SubgroupID * SUMS_TOKENS * SUMS_STRIDE;
@@ -68,7 +94,7 @@ void stage_sums(uint part) {
     barrier();
 }
 
-// Four channels of a token of this subgroup's half tile.
+// Four channels of one of those tokens.
 vec4 staged_sum(uint token, uint vector) {
     return uintBitsToFloat(staged[(gl_SubgroupID * SUMS_TOKENS + token) * SUMS_STRIDE + vector]);
 }
@@ -76,14 +102,14 @@ vec4 staged_sum(uint token, uint vector) {
 // Every vector of sums with its bias: `finish(at, channel, value)` is what becomes of it, `at` a token of the map and `channel` a
 // vector of four.
 #define FINISH_SUMS(finish) \
-    [[unroll]] for (uint part = 0u; part < TOKENS / SUMS_TOKENS; ++part) { \
+    [[unroll]] for (uint part = 0u; part < OWN_TOKENS / SUMS_TOKENS; ++part) { \
         stage_sums(part); \
         for (uint i = gl_SubgroupInvocationID; live && i < SUMS_TOKENS * OUTPUTS / 4u; i += LANES) { \
             uint token = i / (OUTPUTS / 4u), vector = i % (OUTPUTS / 4u); \
             uint channel = own_outputs * (OUTPUTS / 4u) + vector; \
             if (channel >= dst_channels) continue; \
             vec4 value = staged_sum(token, vector) + LOAD_WEIGHTS(weights, channel); \
-            uint of_tile = part * SUMS_TOKENS + token; \
+            uint of_tile = own_half * OWN_TOKENS + part * SUMS_TOKENS + token; \
             finish(origin + uvec2(of_tile % 8u, of_tile / 8u), channel, value); \
         } \
     }

@@ -27,8 +27,21 @@ bool is_finite(float x) {
     return (floatBitsToUint(x) & 0x7f800000u) != 0x7f800000u;
 }
 
-bool is_valid(vec3 color) {
-    return is_finite(color.x) && is_finite(color.y) && is_finite(color.z) && min(color.x, min(color.y, color.z)) >= 0.0;
+bvec3 are_finite(vec3 color) {
+    return bvec3(is_finite(color.x), is_finite(color.y), is_finite(color.z));
+}
+
+bvec3 are_infinite(vec3 color) {
+    return equal(floatBitsToUint(color), uvec3(0x7f800000u));
+}
+
+float largest_of(vec3 color) {
+    return max(color.x, max(color.y, color.z));
+}
+
+// Samples below 0 are 0, and so are those that are not finite.
+vec3 light_of(vec3 color) {
+    return mix(vec3(0.0), max(color, 0.0), are_finite(color));
 }
 
 float luminance(vec3 color) {

@@ -54,11 +54,7 @@ impl Kernel for AuxProjection {
 
     fn groups(&self, _: Variants) -> [u32; 3] {
         let [columns, rows] = self.grid();
-        groups(columns.div_ceil(2) * rows, 1)
-    }
-
-    fn tiles_a_group(&self, _: Variants) -> u32 {
-        2
+        groups(columns.div_ceil(2) * rows * 2, 1)
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {

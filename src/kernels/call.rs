@@ -38,9 +38,9 @@ pub enum Call {
     StatsHistogram(stats::Histogram),
     /// Median and depth scale.
     StatsSelect(stats::Select),
-    /// Log-luminance of tiles.
-    StatsTiles(stats::TileMeans),
-    /// Key and exposure.
+    /// Light and noise of tiles.
+    StatsTiles(stats::TileStats),
+    /// Key, exposure, noise and largest samples.
     StatsKey(stats::Key),
     /// Colour input.
     InputColor(frame_io::InputColor),

@@ -75,12 +75,14 @@ pub enum ConstantValue {
     Epilogue,
     /// [`Specialisation::inner`].
     InnerEpilogue,
+    /// Invocations of as many subgroups as a dense kernel's workgroup has.
+    DenseInvocations,
     /// [`Specialisation::tiles`].
     Tiles,
+    /// Subgroups that share a tile's tokens.
+    Halves,
     /// [`Specialisation::inputs`].
     Inputs,
-    /// [`Specialisation::copies`].
-    Copies,
     /// [`Specialisation::keys`].
     Keys,
     /// [`Specialisation::values`].
@@ -99,8 +101,6 @@ pub struct Specialisation {
     pub tiles: u32,
     /// Input channels that it stages at a time.
     pub inputs: u32,
-    /// Columns of taps that it stages at a time.
-    pub copies: u32,
     /// Channels of queries and keys.
     pub keys: u32,
     /// Channels of values.

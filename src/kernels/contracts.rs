@@ -58,6 +58,8 @@ const MATRICES: &[Need] = &[Need::Matrix];
 
 /// As `glsl/shared/matrix.glsl` declares them.
 const INVOCATIONS: Constant = Constant { name: "INVOCATIONS", value: ConstantValue::Subgroups(MATRIX_SUBGROUPS) };
+const DENSE_INVOCATIONS: Constant = Constant { name: "INVOCATIONS", value: ConstantValue::DenseInvocations };
+const AUX_INVOCATIONS: Constant = Constant { name: "INVOCATIONS", value: ConstantValue::Subgroups(AUX_SUBGROUPS) };
 const ROWS: Constant = Constant { name: "ROWS", value: ConstantValue::MatrixRows };
 const COLUMNS: Constant = Constant { name: "COLUMNS", value: ConstantValue::MatrixColumns };
 const DEPTH: Constant = Constant { name: "DEPTH", value: ConstantValue::MatrixDepth };
@@ -65,22 +67,24 @@ const DEPTH: Constant = Constant { name: "DEPTH", value: ConstantValue::MatrixDe
 const EPILOGUE: Constant = Constant { name: "EPILOGUE", value: ConstantValue::Epilogue };
 const INNER_EPILOGUE: Constant = Constant { name: "INNER_EPILOGUE", value: ConstantValue::InnerEpilogue };
 const MATRIX: &[Constant] = &[INVOCATIONS, ROWS, COLUMNS, DEPTH];
+const AUX_MATRIX: &[Constant] = &[AUX_INVOCATIONS, ROWS, COLUMNS, DEPTH];
 const TILES: Constant = Constant { name: "TILES", value: ConstantValue::Tiles };
+const HALVES_OF_TILES: Constant = Constant { name: "HALVES", value: ConstantValue::Halves };
 const INPUTS: Constant = Constant { name: "INPUTS", value: ConstantValue::Inputs };
-const COPIES: Constant = Constant { name: "COPIES", value: ConstantValue::Copies };
 const KEYS: Constant = Constant { name: "KEYS", value: ConstantValue::Keys };
 const VALUES: Constant = Constant { name: "VALUES", value: ConstantValue::Values };
-const FIRST_MATRIX: &[Constant] = &[INVOCATIONS, ROWS, COLUMNS, DEPTH, EPILOGUE, TILES];
-const LINEAR_MATRIX_CUT: &[Constant] = &[INVOCATIONS, ROWS, COLUMNS, DEPTH, EPILOGUE, TILES, INPUTS];
-const CONV_MATRIX_CUT: &[Constant] = &[INVOCATIONS, ROWS, COLUMNS, DEPTH, EPILOGUE, TILES, INPUTS, COPIES];
-const SEPARABLE_MATRIX_CUT: &[Constant] = &[INVOCATIONS, ROWS, COLUMNS, DEPTH, EPILOGUE, TILES, INPUTS, INNER_EPILOGUE];
+const FIRST_MATRIX: &[Constant] = &[DENSE_INVOCATIONS, ROWS, COLUMNS, DEPTH, EPILOGUE, TILES, HALVES_OF_TILES];
+const DENSE_MATRIX_CUT: &[Constant] = &[DENSE_INVOCATIONS, ROWS, COLUMNS, DEPTH, EPILOGUE, TILES, HALVES_OF_TILES, INPUTS];
+const SEPARABLE_MATRIX_CUT: &[Constant] = &[DENSE_INVOCATIONS, ROWS, COLUMNS, DEPTH, EPILOGUE, TILES, HALVES_OF_TILES, INPUTS, INNER_EPILOGUE];
 const UNEMBED_MATRIX_CUT: &[Constant] = &[INVOCATIONS, ROWS, COLUMNS, DEPTH, INPUTS];
 const ATTENTION_MATRIX_CUT: &[Constant] = &[INVOCATIONS, ROWS, COLUMNS, DEPTH, KEYS, VALUES];
 const DENSE: &[Constant] = &[EPILOGUE];
 const SEPARABLE: &[Constant] = &[EPILOGUE, INNER_EPILOGUE];
 
-/// Subgroups of a workgroup of the matrix kernels.
+/// Subgroups of a workgroup on matrices.
 pub const MATRIX_SUBGROUPS: u32 = 4;
+/// The same of the features' projection.
+pub const AUX_SUBGROUPS: u32 = 8;
 
 macro_rules! contract {
     ($name:expr, $source:literal, $push:ident, [$(($key:literal, $value:literal)),*], $bindings:expr, $needs:expr) => {
@@ -256,25 +260,25 @@ contracts! {
             { "TX": "8", "LANES_SHARE": "1", "TEXELS": "1" } MAP_TEXELS, CPU;
         /// Convolution on cooperative matrices, stride 1.
         CONV3X3_MATRIX = "conv3x3_matrix" "conv3x3_matrix.comp" Conv3x3Push
-            { "SRC_F16": "1", "DST_F16": "1", "STRIDE": "1" } &[], MATRICES, CONV_MATRIX_CUT;
+            { "SRC_F16": "1", "DST_F16": "1", "STRIDE": "1" } &[], MATRICES, DENSE_MATRIX_CUT;
         /// Convolution on cooperative matrices, stride 2.
         CONV3X3_S2_MATRIX = "conv3x3_s2_matrix" "conv3x3_matrix.comp" Conv3x3Push
-            { "SRC_F16": "1", "DST_F16": "1", "STRIDE": "2" } &[], MATRICES, CONV_MATRIX_CUT;
+            { "SRC_F16": "1", "DST_F16": "1", "STRIDE": "2" } &[], MATRICES, DENSE_MATRIX_CUT;
         /// Convolution of the network's input on cooperative matrices.
         CONV3X3_FIRST_MATRIX = "conv3x3_first_matrix" "conv3x3_first_matrix.comp" Conv3x3Push
             { "DST_F16": "1" } &[], MATRICES, FIRST_MATRIX;
         /// Pointwise convolution on cooperative matrices.
         LINEAR_MATRIX = "linear_matrix" "linear_matrix.comp" LinearPush
-            { "SRC_F16": "1", "DST_F16": "1" } &[], MATRICES, LINEAR_MATRIX_CUT;
+            { "SRC_F16": "1", "DST_F16": "1" } &[], MATRICES, DENSE_MATRIX_CUT;
         /// The same of normed tokens.
         LINEAR_NORM_MATRIX = "linear_norm_matrix" "linear_matrix.comp" LinearPush
-            { "SRC_F16": "1", "DST_F16": "1", "NORM": "1" } &[], MATRICES, LINEAR_MATRIX_CUT;
+            { "SRC_F16": "1", "DST_F16": "1", "NORM": "1" } &[], MATRICES, DENSE_MATRIX_CUT;
         /// Depthwise and pointwise convolution in one on cooperative matrices.
         SEPARABLE3X3_MATRIX = "separable3x3_matrix" "separable3x3_matrix.comp" Separable3x3Push
             { "SRC_F16": "1", "DST_F16": "1" } &[], MATRICES, SEPARABLE_MATRIX_CUT;
         /// The features' projection in one on cooperative matrices.
         AUX_PROJECTION_MATRIX = "aux_projection_matrix" "aux_projection_matrix.comp" AuxProjectionPush
-            { "SRC_F16": "1", "DST_F16": "1" } &[], MATRICES, MATRIX;
+            { "SRC_F16": "1", "DST_F16": "1" } &[], MATRICES, AUX_MATRIX;
         /// Joint window attention on cooperative matrices.
         WINDOW_ATTENTION_MATRIX = "window_attention_matrix" "window_attention_matrix.comp" WindowAttentionPush
             { "SRC_F16": "1", "DST_F16": "1" } &[], MATRICES, ATTENTION_MATRIX_CUT;
@@ -289,11 +293,11 @@ contracts! {
             { "IMAGES": "1" } COLOR_DEPTH_IMAGES, &[];
         /// Median or depth scale.
         STATS_SELECT = "stats_select" "stats_select.comp" StatsSelectPush {} &[], &[];
-        /// Log-luminance of tiles.
+        /// Light and noise of tiles.
         STATS_TILES = "stats_tiles" "stats_tiles.comp" StatsTilesPush {} &[], &[];
-        /// Log-luminance of an image's tiles.
+        /// Light and noise of an image's tiles.
         STATS_TILES_IMAGE = "stats_tiles_image" "stats_tiles.comp" StatsTilesPush { "IMAGES": "1" } COLOR_IMAGE, &[];
-        /// Key and exposure.
+        /// Key, exposure, noise and largest samples.
         STATS_KEY = "stats_key" "stats_key.comp" StatsKeyPush {} &[], &[];
         /// Noise of the map's squares.
         TILE_NOISE = "tile_noise" "tile_noise.comp" TileNoisePush {} &[], &[];

@@ -5,9 +5,11 @@ use super::contracts::{self, halves};
 use super::pushes::{InputAuxPush, InputColorPush, OutputPush};
 use super::stats::STATS_FLOATS;
 use super::{
-    Addresses, BufferId, Kernel, PlaneArgs, PushBytes, Tiles, Traffic, Variants, View, by_storage, flags, groups,
+    Addresses, BufferId, Kernel, PlaneArgs, PushBytes, TILE, Tiles, Traffic, Variants, View, by_storage, flags, groups,
 };
+use crate::error::{Error, Result};
 use crate::frame::Region;
+use std::str::FromStr;
 
 pub(super) fn color_flags(plane: &PlaneArgs) -> u32 {
     plane_flags(plane, flags::COLOR, flags::COLOR_HALF)
@@ -21,15 +23,54 @@ fn plane_flags(plane: &PlaneArgs, present: u32, half: u32) -> u32 {
     (if plane.present { present } else { 0 }) | (if plane.half { half } else { 0 })
 }
 
-/// Colour to `log1p(colour * exposure)`: bad pixels mended, reflected into the padding. One group per tile.
+/// What is done with fireflies: pixels much brighter than all of their neighbours but one. To the network they are
+/// noise, and a path that found a lamp by chance is; a star is not.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Fireflies {
+    /// [`Fireflies::Mend`] where the surroundings are noisy, [`Fireflies::Keep`] where they are clean: where of the lit
+    /// pixels in the 3x3 tiles of 8x8 pixels around no more than a quarter differ from the mean of their left and right
+    /// neighbours by more than 8 % of what the three have. Where fewer than 32 pixels are lit, the whole frame's count.
+    #[default]
+    Auto,
+    /// Those above 8 keys and 8 times their second-brightest neighbour keep their light: the network is given the mean
+    /// of their good neighbours, and the rest is added to its result.
+    Keep,
+    /// Those above 1000 keys and 100 times their second-brightest neighbour are taken for missing.
+    Mend,
+}
+
+impl FromStr for Fireflies {
+    type Err = Error;
+
+    /// `auto`, `keep` or `mend`.
+    fn from_str(text: &str) -> Result<Self> {
+        match text {
+            "auto" => Ok(Self::Auto),
+            "keep" => Ok(Self::Keep),
+            "mend" => Ok(Self::Mend),
+            other => Err(Error::InvalidOption {
+                option: "fireflies",
+                reason: format!("'{other}'; it can be auto, keep or mend"),
+            }),
+        }
+    }
+}
+
+/// Colour to `log1p(colour * exposure)`: samples mended, at most 2048 before the logarithm, reflected into the padding.
+/// One group per tile.
 ///
-/// A pixel is bad that is not finite, negative, of a channel above 1e8 keys, or isolated: its brightest channel is above 1000
-/// keys and 100 times that of its second-brightest neighbour. It takes the mean of its good neighbours among the 3x3, else 0.
+/// A negative sample is 0. NaN, -Inf, and all channels of a pixel above 1e8 keys and 100 times its brightest neighbour
+/// or of a firefly ([`Fireflies`]) are missing: they take the mean of that channel's good samples in the nearest of
+/// four rings of pixels that has any, else their tile's. +Inf is the brightest sample of the 3x3 pixels around, or
+/// where two of these are infinite too, a lamp that overflowed, the frame's largest.
 #[derive(Clone, Debug, PartialEq)]
 pub struct InputColor {
     /// The statistics.
     pub stats: BufferId,
-    /// Three channels and a zero, padded size.
+    /// What is known of every tile ([`super::stats::TileStats`]).
+    pub tile_stats: BufferId,
+    /// Three channels and a mark for [`Output`]: 0 where no light goes around the network; else 1 and `log1p` of what
+    /// samples that are not finite count for, exposed, where there are any; negative in a lamp of +Inf. Padded size.
     pub dst: View,
     /// Size of the frame in pixels.
     pub width: u32,
@@ -52,6 +93,7 @@ impl Kernel for InputColor {
         PushBytes::new(&InputColorPush {
             color: at.frame.color.address,
             stats: at.of(self.stats),
+            tile_stats: at.of(self.tile_stats),
             dst: at.view(&self.dst),
             tiles: at.tiles(&self.tiles),
             color_offset: at.frame.color.offset,
@@ -60,10 +102,12 @@ impl Kernel for InputColor {
             color_channel: at.frame.color.channel,
             width: self.width,
             height: self.height,
+            tiles_x: self.width.div_ceil(TILE),
             dst_width: self.dst.width,
             first_tile: self.tiles.first(),
             tile_count: self.tiles.count(self.dst.width, self.dst.height),
-            flags: color_flags(&at.frame.color) | self.tiles.flags(self.dst.width),
+            flags: color_flags(&at.frame.color) | firefly_flags(at.frame.fireflies) | self.tiles.flags(self.dst.width),
+            unused: 0,
         })
     }
 
@@ -72,7 +116,17 @@ impl Kernel for InputColor {
     }
 
     fn traffic(&self) -> Traffic {
-        Traffic { reads: vec![(self.stats, STATS_FLOATS * 4)], writes: vec![(self.dst.buffer, self.dst.bytes())] }
+        // Of tiles nothing, where nothing is bright or missing.
+        let reads = vec![(self.stats, STATS_FLOATS * 4), (self.tile_stats, 0)];
+        Traffic { reads, writes: vec![(self.dst.buffer, self.dst.bytes())] }
+    }
+}
+
+fn firefly_flags(fireflies: Fireflies) -> u32 {
+    match fireflies {
+        Fireflies::Auto => 0,
+        Fireflies::Mend => flags::MEND_FIREFLIES,
+        Fireflies::Keep => flags::KEEP_FIREFLIES,
     }
 }
 
@@ -141,7 +195,9 @@ impl Kernel for InputAux {
     }
 }
 
-/// `max(expm1(c + r) / exposure, 0)`, mixed with the noisy colour by `blend`, cropped to the frame.
+/// `max(expm1(c + r) / exposure, 0)`, at most the frame's largest sample of the channel, mixed with the noisy colour by
+/// `blend`, cropped to the frame; then what of the caller's pixel was not in c is added, where c is marked, or is all of it in
+/// a lamp of +Inf ([`InputColor`]).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Output {
     /// The network's residual r, three channels and padding.

@@ -4,7 +4,7 @@ use super::contract::{Contract, Specialisation};
 use super::contracts::{self, halves};
 use super::pushes::{Depthwise3x3Push, LayerNormPush};
 use super::{
-    Activation, Addresses, BufferId, Kernel, PushBytes, TexelRange, Tiles, Traffic, Variants, View, activation_flag,
+    Activation, Addresses, BufferId, Kernel, PushBytes, TILE, TexelRange, Tiles, Traffic, Variants, View, activation_flag,
     by_storage, groups,
 };
 
@@ -89,8 +89,10 @@ impl Kernel for LayerNorm {
         }
     }
 
-    fn groups(&self, _: Variants) -> [u32; 3] {
-        groups(self.tiles.count(self.dst.width, self.dst.height), 1)
+    fn groups(&self, variants: Variants) -> [u32; 3] {
+        // The rows of a tile, but for CPU drivers.
+        let rows = if self.contract(variants).has("TEXELS") { 1 } else { TILE };
+        groups(self.tiles.count(self.dst.width, self.dst.height), rows)
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {

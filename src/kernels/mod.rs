@@ -161,6 +161,12 @@ pub struct FrameArgs {
     pub output: PlaneArgs,
     /// Factor on the colour; `None`: the frame's own.
     pub exposure: Option<f32>,
+    /// Where a factor lies that comes before both, if it is a normal number above 0.
+    pub exposure_at: Option<u64>,
+    /// Where the frame's statistics are to be told ([`crate::FrameStatistics`]).
+    pub told_at: Option<u64>,
+    /// What is done with fireflies.
+    pub fireflies: frame_io::Fireflies,
     /// Share of the noisy colour in the output, in [0, 1].
     pub blend: f32,
 }
@@ -325,6 +331,10 @@ mod flags {
     pub const SHUFFLE: u32 = 32;
     pub const UNSHUFFLE: u32 = 64;
     pub const QUIET: u32 = 16;
+    pub const MEND_FIREFLIES: u32 = 2;
+    pub const KEEP_FIREFLIES: u32 = 4;
+    pub const GIVEN: u32 = 1;
+    pub const TOLD: u32 = 2;
     pub const COLOR_HALF: u32 = 1 << 8;
     pub const COLOR: u32 = 1 << 9;
     pub const ALBEDO_HALF: u32 = 1 << 10;
@@ -355,8 +365,7 @@ impl std::fmt::Display for Specialisation {
         };
         write_all("inner_", self.inner)?;
         write_all("", self.epilogue)?;
-        let shape =
-            [('t', self.tiles), ('i', self.inputs), ('c', self.copies), ('k', self.keys), ('v', self.values)];
+        let shape = [('t', self.tiles), ('i', self.inputs), ('k', self.keys), ('v', self.values)];
         shape.iter().filter(|(_, size)| *size > 0).try_for_each(|(name, size)| write!(f, "/{name}{size}"))
     }
 }

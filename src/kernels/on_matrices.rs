@@ -14,54 +14,62 @@ pub const DEPTH: u32 = 16;
 /// Tokens of a tile.
 const TOKENS: u32 = TILE * TILE;
 
-/// Whether a workgroup's shared memory holds so many tokens of so many channels, each padded by a vector of 16 bytes.
-fn holds(tokens: u32, channels: u32) -> bool {
-    tokens * (2 * channels + 16) <= SHARED_BYTES
+/// Whether a workgroup's shared memory holds so many tokens of so many channels, each padded by a vector of 16 bytes, and so many rows
+/// of weights for its outputs.
+fn holds(tokens: u32, channels: u32, rows: u32, outputs: u32) -> bool {
+    tokens * (2 * channels + 16) + 2 * rows * outputs <= SHARED_BYTES
 }
+
+/// Tiles of a workgroup whose subgroups share none.
+pub(super) const MOST_TILES: u32 = MATRIX_SUBGROUPS;
 
 /// Tiles of a workgroup: its subgroups share a tile where that has outputs for them.
 fn tiles_for(outputs: u32) -> u32 {
     match outputs.div_ceil(TILE_CHANNELS) {
-        1 => MATRIX_SUBGROUPS,
-        2 => MATRIX_SUBGROUPS / 2,
+        1 => MOST_TILES,
+        2 => MOST_TILES / 2,
         _ => 1,
     }
 }
 
-/// The most of `inputs` that a workgroup stages at a time for so many tokens.
-fn staged(inputs: u32, tokens: u32, at_most: u32) -> Option<u32> {
+/// The most of `inputs` that a workgroup of so many outputs stages at a time for so many tokens, with `taps` rows of weights for each.
+fn staged(inputs: u32, tokens: u32, at_most: u32, taps: u32, outputs: u32) -> Option<u32> {
     let sizes = [128, 64, 32, 16].into_iter().filter(|size| *size <= at_most);
-    sizes.into_iter().find(|size| inputs.is_multiple_of(*size) && holds(tokens, *size))
+    sizes.into_iter().find(|size| inputs.is_multiple_of(*size) && holds(tokens, *size, taps * size, outputs))
+}
+
+/// Outputs of a workgroup of so many tiles.
+fn outputs_of(tiles: u32) -> u32 {
+    TILE_CHANNELS * MOST_TILES / tiles
 }
 
 /// Of a pointwise convolution; `None` where no kernel on matrices takes such maps.
 pub(super) fn linear(inputs: u32, outputs: u32, norm: bool) -> Option<Specialisation> {
     let mut tiles = tiles_for(outputs);
     if !norm {
-        let inputs = staged(inputs.next_multiple_of(DEPTH), tiles * TOKENS, 128)?;
+        let inputs = staged(inputs.next_multiple_of(DEPTH), tiles * TOKENS, 128, 1, outputs_of(tiles))?;
         return Some(Specialisation { tiles, inputs, ..Specialisation::default() });
     }
     // All inputs at once; a power of two of invocations share a token.
     if !inputs.is_multiple_of(DEPTH) || !inputs.is_power_of_two() {
         return None;
     }
-    while tiles > 1 && !holds(tiles * TOKENS, inputs) {
+    let fits = |tiles: u32| holds(tiles * TOKENS, inputs, inputs.min(NORMED_ROWS), outputs_of(tiles));
+    while tiles > 1 && !fits(tiles) {
         tiles /= 2;
     }
-    holds(tiles * TOKENS, inputs).then(|| Specialisation { tiles, inputs, ..Specialisation::default() })
+    fits(tiles).then(|| Specialisation { tiles, inputs, ..Specialisation::default() })
 }
+
+/// Rows of weights that are staged at a time for normed tokens.
+const NORMED_ROWS: u32 = 32;
 
 /// Of a dense 3x3 convolution.
 pub(super) fn conv3x3(inputs: u32, outputs: u32, stride: u32) -> Option<Specialisation> {
     let tiles = tiles_for(outputs);
     let tokens = tiles * TILE * (stride * (TILE - 1) + 3);
-    let sizes = |copies: u32| Some((copies, staged(inputs, copies * tokens, 32)?));
-    // All columns of taps at once, where that leaves a fair depth.
-    let (copies, inputs) = match stride {
-        1 if tiles < MATRIX_SUBGROUPS => sizes(3).or_else(|| sizes(1))?,
-        _ => sizes(1)?,
-    };
-    Some(Specialisation { tiles, inputs, copies, ..Specialisation::default() })
+    let inputs = staged(inputs, tokens, 32, 3, outputs_of(tiles))?;
+    Some(Specialisation { tiles, inputs, ..Specialisation::default() })
 }
 
 /// Of a dense 3x3 convolution of the four channels of the network's input.
@@ -72,14 +80,14 @@ pub(super) fn conv3x3_first(outputs: u32) -> Specialisation {
 /// Of a depthwise and a pointwise convolution in one: every invocation makes some of the depthwise results.
 pub(super) fn separable(inputs: u32, outputs: u32) -> Option<Specialisation> {
     let tiles = tiles_for(outputs);
-    let inputs = staged(inputs, tiles * TOKENS, TILE_CHANNELS * MATRIX_SUBGROUPS / tiles)?;
+    let inputs = staged(inputs, tiles * TOKENS, outputs_of(tiles), 1, outputs_of(tiles))?;
     Some(Specialisation { tiles, inputs, ..Specialisation::default() })
 }
 
 /// Of tokens to pixels.
 pub(super) fn unembed(inputs: u32) -> Option<Specialisation> {
-    let tokens = MATRIX_SUBGROUPS * TILE * (TILE - 1 + TAPS);
-    staged(inputs, tokens, 32).map(|inputs| Specialisation { inputs, ..Specialisation::default() })
+    let tokens = MOST_TILES * TILE * (TILE - 1 + TAPS);
+    staged(inputs, tokens, 32, 0, 0).map(|inputs| Specialisation { inputs, ..Specialisation::default() })
 }
 
 /// Of joint window attention.
@@ -90,7 +98,7 @@ pub(super) fn window_attention(keys: u32, values: u32) -> Option<Specialisation>
 
 /// Workgroups for so many tiles and outputs.
 pub(super) fn groups_of(special: Specialisation, tiles: u32, outputs: u32) -> [u32; 3] {
-    groups(tiles.div_ceil(special.tiles), outputs.div_ceil(TILE_CHANNELS * MATRIX_SUBGROUPS / special.tiles))
+    groups(tiles.div_ceil(special.tiles), outputs.div_ceil(outputs_of(special.tiles)))
 }
 
 /// Whether kernels on matrices can load from all of these maps.

@@ -129,25 +129,28 @@ push_constants! {
 }
 
 push_constants! {
-    /// Log-luminance of every 8x8 tile of pixels.
+    /// Light and noise of every 8x8 tile of pixels.
     StatsTilesPush {
-        color: Address, stats: Address, dst: Address,
+        color: Address, stats: Address, tile_stats: Address, runs: Address,
         color_offset: U32, color_pixel: U32, color_row: U32, color_channel: U32,
         width: U32, height: U32, tiles_x: U32, tile_count: U32, flags: U32, unused: U32,
     }
 }
 
 push_constants! {
-    /// Key and exposure of the frame.
-    StatsKeyPush { src: Address, stats: Address, tile_count: U32, fixed_exposure: F32 }
+    /// Key, exposure, noise and largest samples of the frame.
+    StatsKeyPush {
+        runs: Address, tile_stats: Address, stats: Address, depth_scale: Address, given: Address, told: Address,
+        run_count: U32, tiles_x: U32, tile_count: U32, fixed_exposure: F32, flags: U32, unused: U32,
+    }
 }
 
 push_constants! {
     /// Colour to the network's input.
     InputColorPush {
-        color: Address, stats: Address, dst: Address, tiles: Address,
+        color: Address, stats: Address, tile_stats: Address, dst: Address, tiles: Address,
         color_offset: U32, color_pixel: U32, color_row: U32, color_channel: U32,
-        width: U32, height: U32, dst_width: U32, first_tile: U32, tile_count: U32, flags: U32,
+        width: U32, height: U32, tiles_x: U32, dst_width: U32, first_tile: U32, tile_count: U32, flags: U32, unused: U32,
     }
 }
 

@@ -1,7 +1,7 @@
 //! Tokens of 2x2 pixels to pixels of three channels.
 
 use super::contract::{Contract, Specialisation};
-use super::contracts::{self, MATRIX_SUBGROUPS};
+use super::contracts;
 use super::on_matrices;
 use super::pushes::UnembedPush;
 use super::{
@@ -77,7 +77,7 @@ impl Kernel for Unembed {
 
     /// Of 64 invocations, each with so many tokens in a row; on matrices one for each subgroup.
     fn tiles_a_group(&self, variants: Variants) -> u32 {
-        if self.chosen().is_some() { MATRIX_SUBGROUPS } else { self.contract(variants).define("TX") as u32 }
+        if self.chosen().is_some() { on_matrices::MOST_TILES } else { self.contract(variants).define("TX") as u32 }
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {

@@ -74,7 +74,11 @@ mod tests {
     const SEED: u64 = 7;
 
     fn hybrid() -> (Graph, Weights) {
-        let preprocessing = Preprocessing { exposure: ExposureRule::Auto, depth: DepthRule::Percentile };
+        let preprocessing = Preprocessing {
+            exposure: ExposureRule::Auto,
+            depth: DepthRule::Percentile,
+            version: Preprocessing::VERSION,
+        };
         let arch = Arch::hybrid();
         (Graph::new(&arch).unwrap(), Weights::hashed(&arch, preprocessing, SEED).unwrap())
     }

@@ -26,6 +26,23 @@ pub struct Preprocessing {
     pub exposure: ExposureRule,
     /// How depth is brought to [0, 1].
     pub depth: DepthRule,
+    /// Which version of the rules for single samples ([`Preprocessing::VERSION`]). They differ in samples that are no
+    /// light and in lone bright pixels alone, so that weights of every version up to this library's are run by its own
+    /// rules.
+    #[serde(default = "first_version")]
+    pub version: u32,
+}
+
+/// Of files that do not say.
+fn first_version() -> u32 {
+    1
+}
+
+impl Preprocessing {
+    /// The version of the rules for single samples in this library. 1: a pixel with a sample that is negative or not
+    /// finite, or absurdly bright, is missing, and what is brighter than the network's range is lost. 2:
+    /// `docs/neutral.md`.
+    pub const VERSION: u32 = 2;
 }
 
 /// How colour is scaled before the logarithm.

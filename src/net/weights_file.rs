@@ -60,9 +60,17 @@ pub(super) fn parse(bytes: &[u8]) -> Result<WeightsFile, WeightsError> {
     }
     let training = metadata.get("training").map_or("{}", String::as_str);
     json::<IgnoredAny>("training", training)?;
+    let preprocessing: Preprocessing = json("preprocessing", entry(metadata, "preprocessing")?)?;
+    if !(1..=Preprocessing::VERSION).contains(&preprocessing.version) {
+        let (version, known) = (preprocessing.version, Preprocessing::VERSION);
+        return Err(bad(
+            "preprocessing",
+            format!("version {version}; this library knows 1 to {known}: use a newer one"),
+        ));
+    }
     Ok(WeightsFile {
         arch: json("architecture", entry(metadata, "architecture")?)?,
-        preprocessing: json("preprocessing", entry(metadata, "preprocessing")?)?,
+        preprocessing,
         training: training.into(),
         tensors: header
             .tensors()
@@ -188,6 +196,7 @@ mod tests {
         draft.tensor("aux_proj.out.weight").shape.extend([1, 1]);
         let weights = Weights::from_bytes(&draft.bytes()).unwrap();
         assert_eq!(weights.arch(), &arch());
+        assert_eq!(weights.preprocessing().version, 1);
         assert_eq!(weights.training(), r#"{"steps":[1,2]}"#);
         for (name, shape) in [("aux_proj.out.weight", [8, 24]), ("bottleneck.0.q.weight", [32, 32])] {
             let tensor = weights.tensor(name).unwrap();
@@ -221,6 +230,7 @@ mod tests {
             ("'format'", set("format", "vkdenoise-2\u{1b}")),
             ("'architecture'", set("architecture", "{}")),
             ("'preprocessing'", set("preprocessing", r#"{"exposure":"auto","depth":"max"}"#)),
+            ("knows 1 to 2", set("preprocessing", r#"{"exposure":"auto","depth":"percentile","version":3}"#)),
             ("'training'", set("training", &deep)),
             ("patch", set("architecture", &serde_json::to_string(&Arch { patch: 4, ..arch() }).unwrap())),
             ("lack the tensor output.bias", Box::new(|d| drop(d.tensors.remove("output.bias")))),

@@ -211,9 +211,10 @@ impl<'a> Lowering<'a> {
         let luminances = self.scratch("stats.luminances", stats::HISTOGRAM_BYTES, Storage::F32);
         let depths = self.scratch("stats.depths", stats::HISTOGRAM_BYTES, Storage::F32);
         let depth_scale = self.scratch("stats.depth_scale", 4, Storage::F32);
-        let mut tiles = stats::TileMeans { stats, dst: stats, width, height };
-        tiles.dst = self.scratch("stats.tiles", u64::from(tiles.tiles()) * 4, Storage::F32);
-        let key = stats::Key { src: tiles.dst, tiles: tiles.tiles(), stats };
+        let mut tiles = stats::TileStats { stats, dst: stats, runs: stats, width, height };
+        tiles.dst = self.scratch("stats.tiles", tiles.tile_bytes(), Storage::F32);
+        tiles.runs = self.scratch("stats.runs", tiles.run_bytes(), Storage::F32);
+        let (key, tile_stats) = (tiles.key(depth_scale), tiles.dst);
         let color = self.whole(self.graph.color);
         let aux = self.whole(self.graph.aux);
         let histogram =
@@ -230,7 +231,14 @@ impl<'a> Lowering<'a> {
             ("stats.key", Call::StatsKey(key)),
             (
                 "input.color",
-                Call::InputColor(frame_io::InputColor { stats, dst: color, width, height, tiles: Tiles::All }),
+                Call::InputColor(frame_io::InputColor {
+                    stats,
+                    tile_stats,
+                    dst: color,
+                    width,
+                    height,
+                    tiles: Tiles::All,
+                }),
             ),
             (
                 "input.aux",

@@ -99,8 +99,9 @@ pub enum Pack {
         /// Heads.
         heads: u32,
     },
-    /// A [`Pack::Conv3x3`] or a [`Pack::Linear`] for kernels on matrices: the same order, the biases 32-bit floats, the rest
-    /// halves, the rows of a tile of outputs filled up with zeros to a multiple of [`DEPTH`].
+    /// A [`Pack::Conv3x3`] or a [`Pack::Linear`] for kernels on matrices: the biases 32-bit floats, the rest halves. Of a tile's
+    /// rows (taps and inputs, filled up with zeros to a multiple of [`DEPTH`]) `[DEPTH rows][output][row]`, so that those of an output
+    /// lie side by side.
     Halves(Box<Pack>),
     /// `[bias | matrix row by row]`.
     FilmVector {
@@ -177,10 +178,8 @@ impl Pack {
         let rows = pack.rows();
         let (biases, matrix) = floats.split_at(rows.biases);
         let mut words = bits(biases);
-        let padding = (rows.count.next_multiple_of(DEPTH as usize) - rows.count) * rows.width / 2;
         for tile in matrix.chunks_exact((rows.count * rows.width).max(1)) {
-            words.extend(tile.chunks_exact(2).map(halves));
-            words.extend(std::iter::repeat_n(0, padding));
+            words.extend(in_blocks(rows.count, rows.width, |row, output| tile[row * rows.width + output]));
         }
         Ok(words)
     }
@@ -302,6 +301,19 @@ impl Pack {
 }
 
 const LARGEST_HALF: f32 = 65504.0;
+
+/// A matrix of so many rows and columns as halves, two in a word: `[DEPTH rows][column][row]`, filled up with rows of zeros.
+fn in_blocks(rows: usize, columns: usize, value: impl Fn(usize, usize) -> f32) -> Vec<u32> {
+    let depth = DEPTH as usize;
+    let mut words = Vec::with_capacity(rows.next_multiple_of(depth) * columns / 2);
+    for (block, column) in (0..rows.div_ceil(depth)).flat_map(|block| (0..columns).map(move |column| (block, column))) {
+        for pair in (block * depth..(block + 1) * depth).step_by(2) {
+            let of = |row: usize| if row < rows { value(row, column) } else { 0.0 };
+            words.push(halves(&[of(pair), of(pair + 1)]));
+        }
+    }
+    words
+}
 
 /// Two values as halves in a word, the first in its lower part.
 pub(super) fn halves(pair: &[f32]) -> u32 {

@@ -2,23 +2,20 @@
 
 use super::Reference;
 use super::map::Map;
+use super::samples::{Mending, Way, light_of};
 use super::tiles;
 use crate::frame::{Extent, Frame, Plane, Samples};
-use crate::kernels::frame_io::{InputAux, InputColor, Output};
+use crate::kernels::frame_io::{Fireflies, InputAux, InputColor, Output};
 use crate::kernels::quiet::{BLEND_PIXELS, MAP_TILE, NoiseKind};
-use crate::kernels::stats::{EXPOSURE, KEY};
+use crate::kernels::stats::{EXPOSURE, LARGEST};
 
-/// Exposed colour ends here, and so does an output of halves.
+/// The network's range: what it is given of exposed colour ends here.
+const RANGE: f64 = 2048.0;
+/// An output of halves ends here.
 const LARGEST_HALF: f64 = 65504.0;
 /// Depths from here on are background, in planes of floats and of halves.
 const FAR: f32 = 1e9;
 const FAR_HALF: f32 = 65000.0;
-/// A pixel of more than this many keys is bad.
-pub const FIREFLY_KEYS: f64 = 1e8;
-/// So is one of more than this many keys and this many times its second-brightest neighbour.
-const ISOLATED_KEYS: f64 = 1e3;
-const ISOLATED_RATIO: f64 = 100.0;
-
 /// A frame and its settings, planes interleaved.
 #[derive(Debug)]
 pub struct FrameData {
@@ -36,6 +33,8 @@ pub struct FrameData {
     pub quiet_threshold: f64,
     /// Factor on the colour; `None`: the frame's own.
     pub exposure: Option<f64>,
+    /// What is done with fireflies.
+    pub fireflies: Fireflies,
     /// Share of the noisy colour in the output.
     pub blend: f64,
     /// Whether the output's samples are halves.
@@ -48,7 +47,7 @@ impl FrameData {
         let color = vec![0.0; 3 * extent.pixels() as usize];
         let (albedo, normal, depth) = (None, None, None);
         let (noise, noise_kind, quiet_threshold) = (None, NoiseKind::default(), 0.0);
-        let (far, exposure, blend, output_half) = (FAR, None, 0.0, false);
+        let (far, exposure, fireflies, blend, output_half) = (FAR, None, Fireflies::Auto, 0.0, false);
         Self {
             extent,
             color,
@@ -60,6 +59,7 @@ impl FrameData {
             noise_kind,
             quiet_threshold,
             exposure,
+            fireflies,
             blend,
             output_half,
         }
@@ -87,13 +87,19 @@ impl FrameData {
         }
     }
 
-    /// The colour of a pixel, if all of it is finite and not negative.
-    pub fn color(&self, pixel: usize) -> Option<[f32; 3]> {
-        let color = [0, 1, 2].map(|channel| self.color[3 * pixel + channel]);
-        color.iter().all(|c| c.is_finite() && *c >= 0.0).then_some(color)
+    /// The samples of a pixel as they are.
+    pub fn samples(&self, x: usize, y: usize) -> [f32; 3] {
+        let first = 3 * (y * self.extent.width as usize + x);
+        [0, 1, 2].map(|channel| self.color[first + channel])
     }
 
-    /// The luminance of a valid pixel.
+    /// The colour of a pixel, if all of it is finite; what is negative is 0.
+    pub fn color(&self, pixel: usize) -> Option<[f32; 3]> {
+        let color = [0, 1, 2].map(|channel| self.color[3 * pixel + channel]);
+        color.iter().all(|c| c.is_finite()).then(|| color.map(|c| c.max(0.0)))
+    }
+
+    /// The luminance of a finite pixel.
     pub fn luminance(&self, pixel: usize) -> Option<f32> {
         self.color(pixel).map(|[r, g, b]| (0.2126 * r + 0.7152 * g + 0.0722 * b).min(f32::MAX))
     }
@@ -113,42 +119,6 @@ impl FrameData {
         self.depth.as_ref().map(|plane| plane[pixel]).filter(|&depth| depth > 0.0 && depth < self.far)
     }
 
-    /// The colour of a pixel that is valid and not absurdly bright.
-    fn in_range(&self, x: usize, y: usize, key: f64) -> Option<[f64; 3]> {
-        let color = self.color(y * self.extent.width as usize + x)?.map(f64::from);
-        color.iter().all(|&c| c <= FIREFLY_KEYS * key).then_some(color)
-    }
-
-    /// The 3x3 pixels around one as far as they lie in the frame, itself with them.
-    fn around(&self, x: usize, y: usize) -> impl Iterator<Item = (usize, usize)> {
-        let range = |at: usize, end: u32| at.saturating_sub(1)..(at + 2).min(end as usize);
-        let columns = range(x, self.extent.width);
-        range(y, self.extent.height).flat_map(move |y| columns.clone().map(move |x| (x, y)))
-    }
-
-    /// The colour of a pixel that is in range and not isolated: light of more than two pixels has two bright neighbours.
-    pub fn good(&self, x: usize, y: usize, key: f64) -> Option<[f64; 3]> {
-        let brightest = |[r, g, b]: [f64; 3]| r.max(g).max(b);
-        let color = self.in_range(x, y, key)?;
-        if brightest(color) <= ISOLATED_KEYS * key {
-            return Some(color);
-        }
-        let others = self.around(x, y).filter(|at| *at != (x, y)).filter_map(|(x, y)| self.in_range(x, y, key));
-        let mut light: Vec<f64> = others.map(brightest).collect();
-        light.sort_by(|a, b| b.total_cmp(a));
-        let second = light.get(1).copied().unwrap_or(0.0);
-        (brightest(color) <= ISOLATED_RATIO * second).then_some(color)
-    }
-
-    /// The colour of a pixel, mended: bad ones are the mean of their good neighbours.
-    fn mended(&self, x: usize, y: usize, key: f64) -> [f64; 3] {
-        self.good(x, y, key).unwrap_or_else(|| {
-            let good: Vec<[f64; 3]> = self.around(x, y).filter_map(|(x, y)| self.good(x, y, key)).collect();
-            let count = good.len().max(1) as f64;
-            [0, 1, 2].map(|channel| good.iter().map(|color| color[channel]).sum::<f64>() / count)
-        })
-    }
-
     /// The seven auxiliary channels of a pixel.
     fn features(&self, pixel: usize, depth_scale: f64) -> [f64; 7] {
         let three = |plane: &Option<Vec<f32>>, missing: f64, map: fn(f64) -> f64| {
@@ -164,15 +134,26 @@ impl FrameData {
     }
 }
 
-/// `log1p(colour * exposure)`, bad pixels mended, reflected into the padding.
+/// `log1p(colour * exposure)`, samples mended, reflected into the padding, and a mark where light goes around the
+/// network.
 pub fn input_color(reference: &mut Reference, call: &InputColor) {
     let stats = reference.buffer(call.stats);
-    let (key, exposure) = (stats[KEY], stats[EXPOSURE]);
     let frame = &reference.frame;
+    let mending = Mending::new(frame, stats, reference.buffer(call.tile_stats));
+    let exposure = stats[EXPOSURE];
     let mut map = Map::zeros(call.dst.width as usize, call.dst.height as usize, call.dst.channels as usize);
     fill(&mut map, call.width, call.height, |x, y, token| {
-        for (to, color) in token.iter_mut().zip(frame.mended(x, y, key)) {
-            *to = (color * exposure).min(LARGEST_HALF).ln_1p();
+        let (light, way) = mending.pixel(x, y);
+        let exposed = light.map(|channel| channel * exposure);
+        for (to, color) in token.iter_mut().zip(exposed) {
+            *to = color.min(RANGE).ln_1p();
+        }
+        let exceeds = exposed.iter().any(|&color| color > RANGE);
+        if [Way::Kept, Way::Lamp].contains(&way) || way == Way::AsItIs && exceeds {
+            let samples = frame.samples(x, y);
+            let others = exposed.iter().zip(samples).filter(|(_, sample)| !sample.is_finite());
+            let otherwise = others.map(|(exposed, _)| exposed.min(f64::from(f32::MAX))).fold(0.0, f64::max);
+            token[3] = (1.0 + otherwise.ln_1p()) * if way == Way::Lamp { -1.0 } else { 1.0 };
         }
     });
     let tiles = reference.tiles(&call.tiles, call.dst.width, call.dst.height);
@@ -191,13 +172,16 @@ pub fn input_aux(reference: &mut Reference, call: &InputAux) {
     reference.store(&map, &call.dst, &tiles, |x, y, channel| (x, y, channel));
 }
 
-/// `max(expm1(c + r) / exposure, 0)`, mixed with the noisy colour, cropped.
+/// `max(expm1(c + r) / exposure, 0)`, at most the frame's largest sample, mixed with the noisy colour, and what went
+/// around the network; cropped.
 pub fn output(reference: &mut Reference, call: &Output) {
     let (residual, log_color) = (reference.map(&call.residual), reference.map(&call.log_color));
-    let exposure = reference.buffer(call.stats)[EXPOSURE];
+    let stats = reference.buffer(call.stats);
+    let exposure = stats[EXPOSURE];
     let map = call.quiet.map(|map| reference.buffer(map));
     let frame = &reference.frame;
-    let (blend, end) = (frame.blend, if frame.output_half { LARGEST_HALF } else { f64::from(f32::MAX) });
+    let most = f64::from(f32::MAX);
+    let (blend, end) = (frame.blend, if frame.output_half { LARGEST_HALF } else { most });
     let (width, height) = (call.width as usize, call.height as usize);
     let mut out = reference.output.clone();
     out.resize(3 * width * height, f64::NAN);
@@ -206,12 +190,19 @@ pub fn output(reference: &mut Reference, call: &Output) {
             continue;
         }
         let quiet = map.map_or(0.0, |map| quiet_share(map, call.residual.width / MAP_TILE, x, y));
+        let mark = log_color.token(x, y)[3];
         for channel in 0..3 {
             let (c, r) = (log_color.token(x, y)[channel], residual.token(x, y)[channel]);
-            let denoised = clamp((c + r).exp_m1() / exposure, end);
-            let noisy = clamp(c.exp_m1() / exposure, end);
-            let mixed = (1.0 - blend) * denoised + blend * noisy;
-            let own = f64::from(frame.color[3 * (y * width + x) + channel]).min(end);
+            let linear = |log: f64| clamp(log.exp_m1() / exposure, most);
+            let denoised = clamp(linear(c + r), stats[LARGEST + channel]);
+            let mut mixed = (1.0 - blend) * denoised + blend * linear(c);
+            let sample = frame.samples(x, y)[channel];
+            if mark != 0.0 {
+                let own = if sample.is_finite() { light_of(sample) } else { linear(mark.abs() - 1.0) };
+                let is_lamp = mark < 0.0 && sample == f32::INFINITY;
+                mixed = if is_lamp { own } else { mixed + (own - linear(c)).max(0.0) };
+            }
+            let (mixed, own) = (clamp(mixed, end), light_of(sample).min(end));
             out[3 * (y * width + x) + channel] = match quiet {
                 0.0 => mixed,
                 1.0 => own,
@@ -278,51 +269,6 @@ mod tests {
         assert_eq!(row(4), [0, 1, 2, 3, 2, 1, 0, 1, 2]);
         assert_eq!(row(2), [0, 1, 0, 1, 0, 1, 0, 1, 0]);
         assert_eq!(row(1), [0; 9]);
-    }
-
-    #[test]
-    fn bad_pixels_take_the_mean_of_their_good_neighbours() {
-        let extent = Extent::new(3, 2);
-        let mut color: Vec<f32> = (0..18).map(|i| i as f32).collect();
-        color[4] = f32::NAN; // Pixel (1, 0).
-        color[9] = -1.0; // Pixel (0, 1).
-        color[17] = 3e9; // Pixel (2, 1), a firefly.
-        let frame = FrameData::new(&Frame {
-            extent,
-            color: Plane::f32(&color, Layout::interleaved(extent, 3)),
-            features: Default::default(),
-        });
-        assert_eq!(frame.mended(0, 0, 1.0), [0.0, 1.0, 2.0]);
-        // The good ones are (0, 0), (2, 0) and (1, 1).
-        assert_eq!(frame.mended(1, 0, 1.0), [6.0, 7.0, 8.0]);
-        assert_eq!(frame.mended(2, 1, 1.0), [9.0, 10.0, 11.0]);
-        assert_eq!(frame.mended(2, 1, 1e7), [15.0, 16.0, 3e9]);
-        assert_eq!(frame.mended(2, 1, 1e-9), [0.0; 3], "nothing around is good");
-    }
-
-    #[test]
-    fn isolated_fireflies_are_bad_and_small_lights_are_not() {
-        let extent = Extent::new(12, 12);
-        let lit = |x: usize, y: usize| match (x, y) {
-            (1, 1) | (6 | 7, 1) | (1 | 2, 5 | 6) | (6..=8, 5) => 2e3,
-            (1, 9) => 9e2,
-            _ => 1.0,
-        };
-        let color: Vec<f32> = (0..3 * 144).map(|i| lit(i / 3 % 12, i / 36)).collect();
-        let frame = FrameData::new(&Frame {
-            extent,
-            color: Plane::f32(&color, Layout::interleaved(extent, 3)),
-            features: Default::default(),
-        });
-        // One bright pixel and a pair are fireflies, and so are a line's two ends.
-        for (x, y) in (0..144).map(|i| (i % 12, i / 12)) {
-            let expected = match (x, y) {
-                (1, 1) | (6 | 7, 1) => 1.0,
-                (6 | 8, 5) => (7.0 + 2e3) / 8.0,
-                _ => f64::from(lit(x, y)),
-            };
-            assert_eq!(frame.mended(x, y, 1.0), [expected; 3], "{x}, {y}");
-        }
     }
 
     #[test]

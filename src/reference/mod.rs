@@ -15,6 +15,7 @@ mod matrix;
 mod parallel;
 mod parameters;
 mod quiet;
+mod samples;
 mod separable;
 mod stats;
 mod tiles;
@@ -23,6 +24,7 @@ mod window_attention;
 
 use crate::error::{Error, Result};
 use crate::frame::{Extent, Frame};
+use crate::kernels::frame_io::Fireflies;
 use crate::kernels::{BufferId, Call, View};
 use crate::net::weights::{Weights, WeightsError};
 use crate::plan::{Buffer, Dispatch, Place, Plan};
@@ -100,11 +102,16 @@ impl<'a> Reference<'a> {
                 reason: format!("the frame is {found:?}, the plan is for {expected:?}"),
             });
         }
-        let (output_half, quiet_threshold) = (self.frame.output_half, self.frame.quiet_threshold);
+        let FrameData { output_half, quiet_threshold, fireflies, .. } = self.frame;
         self.frame = FrameData::new(frame);
         (self.frame.exposure, self.frame.blend, self.frame.output_half) = (exposure, blend, output_half);
-        self.frame.quiet_threshold = quiet_threshold;
+        (self.frame.quiet_threshold, self.frame.fireflies) = (quiet_threshold, fireflies);
         Ok(())
+    }
+
+    /// What is done with fireflies; else [`Fireflies::Auto`].
+    pub fn set_fireflies(&mut self, fireflies: Fireflies) {
+        self.frame.fireflies = fireflies;
     }
 
     /// Whether the output's samples are halves, so that they end at 65504.
@@ -146,7 +153,7 @@ impl<'a> Reference<'a> {
             Call::StatsClear(k) => stats::clear(self, k),
             Call::StatsHistogram(k) => stats::histogram(self, k),
             Call::StatsSelect(k) => stats::select(self, k),
-            Call::StatsTiles(k) => stats::tile_means(self, k),
+            Call::StatsTiles(k) => stats::tile_stats(self, k),
             Call::StatsKey(k) => stats::key(self, k),
             Call::AuxProjection(k) => aux_projection::aux_projection(self, k),
             Call::InputColor(k) => frame_io::input_color(self, k),

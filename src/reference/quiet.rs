@@ -2,6 +2,7 @@
 
 use super::Reference;
 use super::frame_io::{FrameData, reflect};
+use super::samples::is_sound;
 use crate::kernels::quiet::{
     ALWAYS, FAR, Fill, MAP_TILE, NoiseKind, QuietMap, REACHES, Reach, Sample, TILES_A_GROUP, TileList, TileNoise,
 };
@@ -26,7 +27,7 @@ pub fn tile_noise(reference: &mut Reference, call: &TileNoise) {
         let first = (i % call.map.columns as usize * SQUARE, i / call.map.columns as usize * SQUARE);
         let (right, bottom) = ((first.0 + SQUARE).min(width), (first.1 + SQUARE).min(height));
         let pixels: Vec<_> = (first.1..bottom).flat_map(|y| (first.0..right).map(move |x| (x, y))).collect();
-        if pixels.iter().any(|&(x, y)| frame.good(x, y, key).is_none()) {
+        if pixels.iter().any(|&(x, y)| !is_sound(frame, x, y, key)) {
             return f64::from(ALWAYS);
         }
         let Some(layer) = &frame.noise else { return estimate(frame, &pixels, first, exposure) };

@@ -2,6 +2,7 @@
 
 use super::matrix::{self, MatrixShape};
 use crate::kernels::contract::{ConstantValue, Specialisation, Need, Sharing};
+use crate::kernels::contracts::MATRIX_SUBGROUPS;
 use ash::vk;
 use std::fmt;
 
@@ -145,9 +146,10 @@ impl Caps {
             ConstantValue::MatrixDepth => matrix(|shape| shape.depth),
             ConstantValue::Epilogue => special.epilogue,
             ConstantValue::InnerEpilogue => special.inner,
+            ConstantValue::DenseInvocations => MATRIX_SUBGROUPS * matrix(|shape| shape.halves * shape.subgroup),
             ConstantValue::Tiles => special.tiles,
+            ConstantValue::Halves => matrix(|shape| shape.halves),
             ConstantValue::Inputs => special.inputs,
-            ConstantValue::Copies => special.copies,
             ConstantValue::Keys => special.keys,
             ConstantValue::Values => special.values,
         }

@@ -3,7 +3,7 @@
 use super::Checked;
 use super::caps::{self, Caps, DeviceInfo, Requirements};
 use super::instance::{Messages, OwnedInstance};
-use super::matrix;
+use super::matrix::{self, MatrixShape};
 use super::pipeline_cache::PipelineCache;
 use super::selector::{DeviceSelector, enumerate, select};
 use crate::cache::{Cache, CacheFile};
@@ -27,6 +27,8 @@ pub struct DeviceOptions {
     /// Has the compiler keep what [`crate::Denoiser::pipeline_statistics`] tells, where the device can
     /// (`VK_KHR_pipeline_executable_properties`).
     pub pipeline_statistics: bool,
+    /// Subgroups that share a tile's tokens in dense kernels on matrices, 1 or 2; `None`: as suits the device.
+    pub matrix_halves: Option<u32>,
     /// Takes the queue for one without timestamps: passes are timed on the host, and kernels cannot be.
     pub host_clock: bool,
     /// The Vulkan loader's library, where it is not the system's own.
@@ -145,7 +147,10 @@ impl Device {
             return Err(Error::Unsupported { device: info.name, missing: "a compute queue".into() });
         };
         let loader = khr::cooperative_matrix::Instance::new(&instance.entry, &instance.raw);
-        let caps = Caps { matrix: matrix::shape(&loader, &instance.raw, physical), ..caps };
+        let shape = matrix::shape(&loader, &instance.raw, physical);
+        let halves = options.matrix_halves.map(|halves| halves.clamp(1, 2));
+        let shape = shape.map(|shape| MatrixShape { halves: halves.unwrap_or(shape.halves), ..shape });
+        let caps = Caps { matrix: shape, ..caps };
         let priorities = [1.0];
         let queues =
             [vk::DeviceQueueCreateInfo::default().queue_family_index(queue_family).queue_priorities(&priorities)];

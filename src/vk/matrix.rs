@@ -35,6 +35,8 @@ pub struct MatrixShape {
     pub depth: u32,
     /// Invocations of a subgroup, which the kernels' pipelines ask for.
     pub subgroup: u32,
+    /// Subgroups that share a tile's tokens in dense kernels, 1 or 2: more hold less each.
+    pub halves: u32,
 }
 
 /// Those of the features that are not of Vulkan 1.2, to be enabled when a device is made.
@@ -125,7 +127,14 @@ fn choose(shapes: &[vk::CooperativeMatrixPropertiesKHR], subgroup: u32) -> Optio
         .iter()
         .filter(halves)
         .filter(|s| SIDES.contains(&s.m_size) && SIDES.contains(&s.n_size) && DEPTHS.contains(&s.k_size))
-        .map(|s| MatrixShape { rows: s.m_size, columns: s.n_size, depth: s.k_size, subgroup })
+        .map(|s| MatrixShape {
+            rows: s.m_size,
+            columns: s.n_size,
+            depth: s.k_size,
+            subgroup,
+            // CPU drivers, which have the small ones, compile half as much code in a fraction of the time.
+            halves: if s.m_size < 16 { 2 } else { 1 },
+        })
         .max_by_key(|s| s.rows * s.columns * s.depth)
 }
 
@@ -158,6 +167,6 @@ mod tests {
         ];
         assert_eq!(choose(&shapes, 32), None);
         shapes.extend([(16, 8, 8), (16, 16, 16), (16, 8, 16)].map(|size| listed(size, half, float)));
-        assert_eq!(choose(&shapes, 32), Some(MatrixShape { rows: 16, columns: 16, depth: 16, subgroup: 32 }));
+        assert_eq!(choose(&shapes, 32), Some(MatrixShape { rows: 16, columns: 16, depth: 16, subgroup: 32, halves: 1 }));
     }
 }

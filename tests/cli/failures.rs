@@ -86,6 +86,7 @@ fn failures_name_what_is_wrong_before_a_device_is_opened() {
         (2, "X,Y,W,H", arguments![good, "-o", out, "--region", "-1,0,8,8"].to_vec()),
         (2, "precision", arguments![good, "-o", out, "--precision", "fp12"].to_vec()),
         (2, "fast, balanced or high", arguments![good, "-o", out, "--quality", "best"].to_vec()),
+        (2, "auto, keep or mend", arguments![good, "-o", out, "--fireflies", "all"].to_vec()),
         (2, "cannot be used with", arguments![good, "-o", out, "--quality", "high", "--weights", other].to_vec()),
     ];
     let before = d.names("");

@@ -15,7 +15,8 @@ use vkdenoise::reference::Reference;
 use vkdenoise::testing::{Bench, SENTINEL};
 
 /// What every preprocessing is in tests.
-pub const PREPROCESSING: Preprocessing = Preprocessing { exposure: ExposureRule::Auto, depth: DepthRule::Percentile };
+pub const PREPROCESSING: Preprocessing =
+    Preprocessing { exposure: ExposureRule::Auto, depth: DepthRule::Percentile, version: Preprocessing::VERSION };
 
 /// What a kernel may be wrong by: NMSE of its result, without residual.
 pub const KERNEL_LIMIT: f64 = 1e-10;

@@ -55,6 +55,12 @@ impl TestPlane {
         Self { samples: if half { Samples::F16(halves()) } else { Samples::F32(samples.clone()) }, layout }
     }
 
+    /// A sample.
+    pub fn sample(&self, x: usize, y: usize, channel: usize) -> f32 {
+        let Layout { offset, pixel_stride, row_stride, channel_stride } = self.layout;
+        self.get(offset + y * row_stride + x * pixel_stride + channel * channel_stride)
+    }
+
     fn get(&self, index: usize) -> f32 {
         match &self.samples {
             Samples::F32(samples) => samples[index],

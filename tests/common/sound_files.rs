@@ -14,7 +14,8 @@ pub fn one_stage() -> Arch {
 
 /// A weights file, without the safetensors crate's help: a header of every tensor, and zeros.
 pub fn weights(arch: &Arch) -> Vec<u8> {
-    let preprocessing = Preprocessing { exposure: ExposureRule::Auto, depth: DepthRule::Percentile };
+    let preprocessing =
+        Preprocessing { exposure: ExposureRule::Auto, depth: DepthRule::Percentile, version: Preprocessing::VERSION };
     let (mut header, mut at) = (serde_json::Map::new(), 0);
     for spec in Graph::new(arch).unwrap().tensors() {
         let end = at + 4 * spec.elements();

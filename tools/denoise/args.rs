@@ -4,7 +4,7 @@ use crate::ranges::Frames;
 use clap::Parser;
 use std::path::PathBuf;
 use vkdenoise::exr_io::FeatureSource;
-use vkdenoise::{Cache, DeviceSelector, Exposure, Precision, Quality, Quiet, QuietMode, Region};
+use vkdenoise::{Cache, DeviceSelector, Exposure, Fireflies, Precision, Quality, Quiet, QuietMode, Region};
 
 /// Denoises OpenEXR renders with Vulkan.
 ///
@@ -86,6 +86,11 @@ pub struct Args {
     /// Share of the noisy input in the output, from 0 (all denoised) to 1
     #[arg(long, value_name = "A", default_value_t = 0.0, allow_hyphen_values = true, value_parser = share)]
     pub blend: f32,
+
+    /// Lone pixels much brighter than those around: "keep" their light, "mend" them (a path that found a lamp by chance), or "auto":
+    /// mend where the image is noisy, keep where it is clean, as stars are
+    #[arg(long, value_name = "F", default_value = "auto", value_parser = parsed::<Fireflies>)]
+    pub fireflies: Fireflies,
 
     /// Most device memory to use, in MiB: an image that needs more is refused
     #[arg(long, value_name = "MIB")]

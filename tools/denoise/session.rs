@@ -52,11 +52,12 @@ impl Engine {
     fn open(args: &Args, weights: &Weights, selector: &DeviceSelector, extent: Extent) -> Result<Self, Error> {
         let (selector, cache) = (selector.clone(), args.cache.clone());
         let device = Device::open_with(&DeviceOptions { selector, cache, ..DeviceOptions::default() })?;
-        let Args { precision, exposure, blend, memory_budget, .. } = args;
+        let Args { precision, exposure, blend, fireflies, memory_budget, .. } = args;
         let options = Options {
             precision: if *precision == Precision::Auto { args.quality.precision(&device) } else { *precision },
             exposure: *exposure,
             blend: *blend,
+            fireflies: *fireflies,
             memory_budget: memory_budget.map(|mib| mib << 20),
             quiet: args.quiet(),
             ..Options::default()

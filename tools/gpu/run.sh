@@ -72,10 +72,10 @@ if wants parts; then
   step tables.json 120 bin/vkdenoise-profile tables --size 1024 --json
 fi
 if wants sweep; then
-  # Bytes of a map between consecutive operations, above which they run band by band.
-  for bytes in 4 8 16 32 64; do
-    network hybrid 1024x1024 matrix 9 --max-chain-mib $bytes
-    mv "$out/network-hybrid-1024x1024-matrix.json" "$out/bands-$bytes.json" 2>/dev/null
+  # MiB of a map between consecutive operations, above which they run band by band; subgroups that share a tile's tokens.
+  for choice in "--max-chain-mib 32" "--max-chain-mib 64" "--matrix-halves 2"; do
+    step "sweep${choice// /}.json" 60 bin/vkdenoise-profile network --size 1024 --precision matrix --repeat 9 --warm-up 5 \
+      --json $choice
   done
 fi
 

@@ -197,6 +197,9 @@ pub struct Common {
     /// Vulkan device: "best", an index or part of a name
     #[arg(long, value_name = "D", env = "VKDENOISE_DEVICE", default_value = "best")]
     pub device: DeviceSelector,
+    /// Subgroups that share a tile's tokens in dense kernels on matrices: 1 or 2; as suits the device where it is left out
+    #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=2))]
+    pub matrix_halves: Option<u32>,
     /// Time whole passes on the host, and no kernels, as on a device without timestamps
     #[arg(long)]
     pub host_clock: bool,

@@ -57,7 +57,8 @@ impl Subject {
 
 /// Random weights: the work does not depend on them.
 pub fn weights(arch: &Arch) -> Result<Weights, Error> {
-    let preprocessing = Preprocessing { exposure: ExposureRule::Auto, depth: DepthRule::Percentile };
+    let preprocessing =
+        Preprocessing { exposure: ExposureRule::Auto, depth: DepthRule::Percentile, version: Preprocessing::VERSION };
     Ok(Weights::hashed(arch, preprocessing, 1)?)
 }
 

@@ -38,6 +38,7 @@ impl Session {
             selector: common.device.clone(),
             pipeline_statistics: true,
             host_clock: common.host_clock,
+            matrix_halves: common.matrix_halves,
             ..DeviceOptions::default()
         };
         let device = Device::open_with(&options)?;

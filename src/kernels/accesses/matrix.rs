@@ -4,7 +4,7 @@
 use super::{Accesses, epilogue_loads};
 use crate::kernels::aux_projection::{AUX_CHANNELS, CHANNELS, REACH};
 use crate::kernels::contract::Specialisation;
-use crate::kernels::contracts::MATRIX_SUBGROUPS;
+use crate::kernels::contracts::{AUX_SUBGROUPS, MATRIX_SUBGROUPS};
 use crate::kernels::dense::{Conv3x3, Linear, TILE_CHANNELS};
 use crate::kernels::on_matrices::{DEPTH, groups_of};
 use crate::kernels::separable::Separable3x3;
@@ -32,14 +32,15 @@ impl Work {
     fn accesses(&self, special: Specialisation, tiles: u32, channels: u32) -> Accesses {
         let groups: u64 = groups_of(special, tiles, channels).into_iter().map(u64::from).product();
         let tiles = groups * u64::from(special.tiles);
+        let subgroups = groups * SUBGROUPS;
         let results = groups * SUBGROUPS * TOKENS * OUTPUTS / 4;
+        // Staged once for the subgroups that share the outputs.
+        let weights = groups * SUBGROUPS / u64::from(special.tiles) * self.rows * OUTPUTS / 8;
         Accesses {
-            global_loads: tiles * self.loads
-                + groups * SUBGROUPS * self.rows * OUTPUTS / 8
-                + results * (1 + self.epilogue),
+            global_loads: tiles * self.loads + weights + results * (1 + self.epilogue),
             global_stores: results,
-            shared_loads: groups * SUBGROUPS * TOKENS * self.rows / 8 + results,
-            shared_stores: tiles * self.staged + results,
+            shared_loads: subgroups * (TOKENS + OUTPUTS) * self.rows / 8 + results,
+            shared_stores: tiles * self.staged + weights + results,
         }
     }
 }
@@ -60,8 +61,8 @@ pub(super) fn conv3x3(call: &Conv3x3, special: Specialisation) -> Accesses {
         Work { loads: TOKENS * rows / 4, staged: TOKENS * rows / 8, rows, epilogue }
     } else {
         let source_rows = u64::from((TILE - 1) * call.stride + 3);
-        let loads = 3 / u64::from(special.copies) * source_rows * u64::from(TILE - 1 + special.copies) * inputs / 8;
-        Work { loads, staged: 3 * source_rows * u64::from(TILE) * inputs / 8, rows: 9 * inputs, epilogue }
+        let staged = 3 * source_rows * u64::from(TILE) * inputs / 8;
+        Work { loads: staged, staged, rows: 9 * inputs, epilogue }
     };
     work.accesses(special, call.tiles.count(width, height), call.channels)
 }
@@ -111,20 +112,23 @@ pub(super) fn unembed(call: &Unembed) -> Accesses {
     }
 }
 
-/// Of a workgroup's 16x8 tokens with what is made around them.
+/// Of a workgroup's 16x4 tokens with what is made around them.
 pub(super) fn aux_projection(groups: [u32; 3]) -> Accesses {
     let (columns, vectors) = (u64::from(CHANNELS / 4), u64::from(CHANNELS / 8));
-    let size = |reach: u32| u64::from((2 * TILE + 2 * reach) * (TILE + 2 * reach));
+    let size = |reach: u32| u64::from((2 * TILE + 2 * reach) * (TILE / 2 + 2 * reach));
+    let own = size(0);
     let (mut loads, mut shared_loads, mut shared_stores) = (size(REACH) * u64::from(AUX_CHANNELS / 8), 0, 0);
     for step in 0..REACH {
         let (from, to) = (size(REACH - step), size(REACH - step - 1));
-        // Four subgroups load a matrix; runs of four rows load six of three tokens, nine taps and two biases.
-        let inputs = if step == 0 { u64::from(DEPTH / 8) } else { vectors };
-        loads += from.div_ceil(16) * inputs * vectors * 8 + SUBGROUPS * vectors * vectors * 8 + to.div_ceil(4) * columns * 11;
-        shared_loads += from * inputs + to.div_ceil(4) * 18 * columns + 2 * TOKENS * vectors;
+        let inputs = u64::from(if step == 0 { DEPTH } else { CHANNELS });
+        // A matrix of sixteen tokens and outputs at a time; runs of two rows load four of three tokens; an invocation nine taps
+        // and two biases.
+        let matrices = (from.div_ceil(16) * inputs + own / 16 * u64::from(CHANNELS)) * vectors;
+        loads += matrices + 11 * u64::from(AUX_SUBGROUPS) * 32;
+        shared_loads += 2 * (from * inputs + own * u64::from(CHANNELS)) / 8 + to / 2 * 12 * columns;
         shared_stores += from * vectors + to * columns;
     }
-    let results = 2 * TOKENS * columns;
+    let results = own * columns;
     let groups: u64 = groups.into_iter().map(u64::from).product();
     Accesses {
         global_loads: groups * (loads + results),
@@ -133,3 +137,4 @@ pub(super) fn aux_projection(groups: [u32; 3]) -> Accesses {
         shared_stores: groups * (shared_stores + 2 * size(REACH) + results),
     }
 }
+

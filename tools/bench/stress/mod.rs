@@ -11,6 +11,7 @@ pub mod content;
 pub mod left_out;
 pub mod light;
 pub mod moves;
+pub mod neutral;
 #[path = "../../../tests/common/random.rs"]
 pub mod random;
 pub mod scene;
@@ -139,7 +140,7 @@ pub struct Case {
 
 /// All cases, in the matrix's order.
 pub fn cases() -> Vec<Case> {
-    [bad_pixels::CASES, light::CASES, content::CASES, shapes::CASES, sequences::CASES]
+    [bad_pixels::CASES, neutral::CASES, light::CASES, content::CASES, shapes::CASES, sequences::CASES]
         .into_iter()
         .flatten()
         .map(|&(name, run)| Case { name, run })

@@ -4,9 +4,7 @@
 use super::Result;
 use super::random::Random;
 use vkdenoise::kernels::quiet::MAP_TILE;
-use vkdenoise::kernels::stats::{
-    Clear, Counted, HISTOGRAM_BYTES, Histogram, KEY, Key, STATS_FLOATS, Select, TileMeans,
-};
+use vkdenoise::kernels::stats::{Clear, Counted, HISTOGRAM_BYTES, Histogram, KEY, STATS_FLOATS, Select, TileStats};
 use vkdenoise::kernels::{BufferId, Call, Storage};
 use vkdenoise::plan::{Buffer, Place};
 use vkdenoise::reference::Reference;
@@ -115,10 +113,14 @@ impl Scene {
     /// None that a scene can cause.
     pub fn key(&self) -> Result<f64> {
         let Extent { width, height } = self.extent;
-        let [histogram, stats, logs] = [0, 1, 2].map(BufferId);
-        let tile_means = TileMeans { stats, dst: logs, width, height };
-        let tiles = tile_means.tiles();
-        let sizes = [("histogram", HISTOGRAM_BYTES), ("stats", 4 * STATS_FLOATS), ("tiles", 4 * u64::from(tiles))];
+        let [histogram, stats, dst, runs] = [0, 1, 2, 3].map(BufferId);
+        let tile_stats = TileStats { stats, dst, runs, width, height };
+        let sizes = [
+            ("histogram", HISTOGRAM_BYTES),
+            ("stats", 4 * STATS_FLOATS),
+            ("tiles", tile_stats.tile_bytes()),
+            ("runs", tile_stats.run_bytes()),
+        ];
         let place = Place::Arena { block: 0, offset: 0 };
         let buffers =
             sizes.map(|(name, bytes)| Buffer { name: name.into(), bytes, storage: Storage::F32, place: place.clone() });
@@ -128,8 +130,8 @@ impl Scene {
             Call::StatsClear(Clear { histogram }),
             Call::StatsHistogram(Histogram { histogram, counted: Counted::Luminance, width, height }),
             Call::StatsSelect(Select { histogram, counted: Counted::Luminance, dst: stats }),
-            Call::StatsTiles(tile_means),
-            Call::StatsKey(Key { src: logs, tiles, stats }),
+            Call::StatsTiles(tile_stats.clone()),
+            Call::StatsKey(tile_stats.key(stats)),
         ] {
             reference.run_call(&call);
         }

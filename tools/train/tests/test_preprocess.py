@@ -36,29 +36,93 @@ class PreprocessTest(unittest.TestCase):
         color[:8, :8] = 2
         self.assertAlmostEqual(preprocess.key_of(color), 2, places=6)
 
-    def test_repair(self):
-        color = grey(1.0, 4, 4)
-        color[1, 1], color[1, 2], color[0, 0] = np.nan, 1e9, -1
-        color[0, 1] = 3
-        fixed = preprocess.repair(color, 1.0)
-        # Of the nine pixels around (1, 1) three are bad, one is 3, five are 1.
-        np.testing.assert_allclose(fixed[1, 1], 8 / 6, rtol=1e-6)
-        np.testing.assert_array_equal(fixed[3], 1)
-        np.testing.assert_array_equal(preprocess.repair(grey(np.inf), 1.0), 0)
+    def test_negative_samples_are_zero_and_their_pixels_stay(self):
+        color = grey(0.5, 16, 16)
+        color[4:12, 4:12] = -0.02, 0.05, 0.9
+        seen, beyond, _ = preprocess.repair(color, 0.3)
+        np.testing.assert_array_equal(seen[8, 8], np.float32([0, 0.05, 0.9]))
+        self.assertFalse(beyond.any())
+        color[5, 5, 0] = -1e-7
+        self.assertAlmostEqual(preprocess.key_of(color), preprocess.key_of(np.maximum(color, 0)), places=7)
 
-    def test_isolated_fireflies_are_bad_and_small_lights_are_not(self):
-        color = grey(1.0, 12, 12)
+    def test_missing_samples_are_mended_by_channel(self):
+        color = grey(1.0, 4, 4)
+        color[1, 1], color[1, 2], color[0, 0, 0] = np.nan, 1e9, -np.inf
+        color[0, 1] = 3
+        fixed, *_ = preprocess.repair(color, 1.0)
+        # Of the eight pixels around (1, 1) one is alone and absurdly bright, one has no red, one is 3.
+        np.testing.assert_allclose(fixed[1, 1], [8 / 6, 9 / 7, 9 / 7], rtol=1e-6)
+        np.testing.assert_array_equal(fixed[0, 0, 1:], 1)
+        np.testing.assert_array_equal(fixed[3], 1)
+
+    def test_holes_take_the_nearest_ring_and_far_from_all_a_tile(self):
+        color = grey(0.0, 40, 40)
+        color[...] = np.arange(40, dtype=np.float32)[None, :, None]
+        color[8:32, 8:32] = np.nan
+        fixed, *_ = preprocess.repair(color, 1e3)
+        self.assertEqual(fixed[15, 8, 0], 7)
+        self.assertEqual(fixed[20, 29, 0], 32)
+        # The tile in the middle has only the ring of filled ones around, which have their neighbours' means.
+        self.assertTrue(15 < fixed[20, 20, 1] < 24)
+        np.testing.assert_array_equal(preprocess.repair(grey(np.nan), 1.0)[0], 0)
+
+    def test_infinity_is_a_lamp_or_as_bright_as_what_is_around(self):
+        color = grey(1.0, 24, 24)
+        color[2, 3], color[3, 4, 1], color[20, 20:22] = np.inf, 4, 50
+        color[10:13, 10:13] = np.inf
+        fixed, _, given = preprocess.repair(color, 1.0, "mend")
+        np.testing.assert_array_equal(np.argwhere(given.any(-1)).mean(0), [11, 11])
+        np.testing.assert_array_equal(fixed[2, 3], 4)
+        np.testing.assert_array_equal(fixed[10:13, 10:13], 50)
+        np.testing.assert_array_equal(preprocess.repair(grey(np.inf), 1.0)[0], 0)
+
+    def test_lone_fireflies_are_mended_or_kept_and_small_lights_are_neither(self):
+        color = grey(1.0, 24, 24)
         color[1, 1] = 2e3
         color[1, 6:8] = 2e3
         color[5:7, 1:3] = 2e3
         color[5, 6:9] = 2e3
         color[9, 1] = 9e2
-        fixed = preprocess.repair(color, 1.0)
-        expected = color.copy()
+        color[20:22, 20:22] = 1e12
         # One bright pixel and a pair are fireflies, and so are a line's two ends.
+        expected = color.copy()
         expected[1, 1] = expected[1, 6:8] = 1
         expected[5, 6] = expected[5, 8] = (7 + 2e3) / 8
+        fixed, beyond, _ = preprocess.repair(color, 1.0, "mend")
         np.testing.assert_allclose(fixed, expected, rtol=1e-6)
+        self.assertFalse(beyond.any())
+        expected[9, 1] = 1
+        for fireflies in "keep", "auto":
+            fixed, beyond, _ = preprocess.repair(color, 1.0, fireflies)
+            np.testing.assert_allclose(fixed, expected, rtol=1e-6)
+            np.testing.assert_allclose(fixed + beyond, color, rtol=1e-6)
+
+    def test_auto_mends_where_it_is_noisy(self):
+        rng = np.random.default_rng(3)
+        noisy = np.ones((64, 64, 3), np.float32)
+        noisy[:, 32:] *= rng.exponential(size=(64, 32, 1))
+        noisy[10, 10] = noisy[40, 50] = 2e4
+        fixed, beyond, _ = preprocess.repair(noisy, 1.0)
+        self.assertEqual(beyond[10, 10, 0], 2e4 - 1)
+        self.assertEqual(beyond[40, 50, 0], 0)
+        self.assertLess(fixed[40, 50, 0], 20)
+
+    def test_what_exceeds_the_range_goes_around(self):
+        color = grey(0.2, 32, 32)
+        color[8:14, 8:14] = 1e9
+        c, beyond, _ = preprocess.split(color, 0.9, 0.2)
+        self.assertAlmostEqual(float(c.max()), np.log1p(2048), places=5)
+        result = preprocess.finish(c, np.zeros_like(c), 0.9, preprocess.largest_of(color), beyond)
+        np.testing.assert_allclose(result, color, rtol=1e-5)
+
+    def test_a_result_is_at_most_the_largest_sample(self):
+        color = grey(0.0, 16, 16)
+        c, beyond, _ = preprocess.split(color, 0.01, 0.18)
+        result = preprocess.finish(c, np.full_like(c, 0.005), 0.01, preprocess.largest_of(color), beyond)
+        np.testing.assert_array_equal(result, 0)
+        color[3, 3] = 1e30
+        color[8:] = 1.0
+        np.testing.assert_array_equal(preprocess.largest_of(color), 1)
 
     def test_auxiliary(self):
         shape = (2, 2)

@@ -48,7 +48,7 @@ def prepare(planes, stats, reference=None, exposure=None):
     aux = preprocess.auxiliary(color.shape[:2], *(planes.get(n) for n in FEATURE_NAMES), stats.depth_scale)
     maps = [c, aux]
     if reference is not None:
-        exposed = np.minimum(np.maximum(reference, 0) * np.float32(exposure), preprocess.LARGEST_HALF)
+        exposed = np.minimum(np.maximum(reference, 0) * np.float32(exposure), preprocess.RANGE)
         maps.append(np.log1p(exposed))
     return [torch.from_numpy(np.ascontiguousarray(m.transpose(2, 0, 1), np.float32)) for m in maps]
 

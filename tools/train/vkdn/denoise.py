@@ -13,6 +13,8 @@ def denoise(model, planes, stats=None, features=FEATURE_NAMES):
     stats = stats or preprocess.statistics(used["color"], used.get("depth"))
     device = next(model.parameters()).device
     c, aux = prepare(used, stats)
+    _, beyond, given = preprocess.split(used["color"], stats.exposure, stats.key)
     r = predict(model, c[None].to(device), aux[None].to(device))[0]
     to_image = lambda t: t.permute(1, 2, 0).cpu().numpy()
-    return preprocess.finish(to_image(c), to_image(r), stats.exposure)
+    largest = preprocess.largest_of(used["color"])
+    return preprocess.finish(to_image(c), to_image(r), stats.exposure, largest, beyond, given)

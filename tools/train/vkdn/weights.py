@@ -42,7 +42,8 @@ def read(path):
             raise ValueError(f"{path}: format {metadata.get('format')!r}, not {FORMAT!r}")
         for key in ("architecture", "preprocessing", "training"):
             metadata[key] = json.loads(metadata[key])
-        if metadata["preprocessing"] != preprocess.METADATA:
+        found = {"version": 1, **metadata["preprocessing"]}
+        if {**found, "version": preprocess.METADATA["version"]} != preprocess.METADATA or found["version"] not in preprocess.VERSIONS:
             raise ValueError(f"{path}: other pre-processing: {metadata['preprocessing']}")
         model = Denoiser(arch_module.from_dict(metadata["architecture"]))
         model.load_state_dict({name: file.get_tensor(name).float() for name in file.keys()})
