@@ -162,10 +162,43 @@ fn names_of_common_renderers() {
             "R G B ALBEDO.R ALBEDO.G ALBEDO.B AVG_SHADING_NORMAL.X AVG_SHADING_NORMAL.Y AVG_SHADING_NORMAL.Z SHADING_NORMAL.X SHADING_NORMAL.Y SHADING_NORMAL.Z DEPTH",
             ["R/G/B", "ALBEDO.R/G/B", "AVG SHADING NORMAL.X/Y/Z", "DEPTH"],
         ),
-        ("Ci.r Ci.g Ci.b normal.X normal.Y normal.Z t", ["Ci.r/g/b", "-", "normal.X/Y/Z", "t"]),
+        ("Ci.r Ci.g Ci.b normal.X normal.Y normal.Z z", ["Ci.r/g/b", "-", "normal.X/Y/Z", "z"]),
         (
             "R G B VisibleDiffuse.R VisibleDiffuse.G VisibleDiffuse.B Normals.X Normals.Y Normals.Z Ng.X Ng.Y Ng.Z zDepth",
             ["R/G/B", "VisibleDiffuse.R/G/B", "Normals.X/Y/Z", "zDepth"],
+        ),
+        // RenderMan's layers for its denoiser; Karma's; Unreal; Octane in Blender; Corona.
+        (
+            "Ci.r Ci.g Ci.b a albedo.r albedo.g albedo.b albedo_mse.r albedo_mse.g albedo_mse.b normal.X normal.Y normal.Z zfiltered \
+             normal_var.X normal_var.Y normal_var.Z sampleCount mse.r mse.g mse.b",
+            ["Ci.r/g/b", "albedo.r/g/b", "normal.X/Y/Z", "zfiltered"],
+        ),
+        (
+            "C.R C.G C.B C.A albedo.R albedo.G albedo.B hitN.X hitN.Y hitN.Z hitP.X hitP.Y hitP.Z hitPz",
+            ["C.R/G/B", "albedo.R/G/B", "hitN.X/Y/Z", "hitPz"],
+        ),
+        (
+            "R G B A FinalImageMovieRenderQueue_WorldDepth.R FinalImageMovieRenderQueue_WorldDepth.G \
+             FinalImageMovieRenderQueue_WorldDepth.B FinalImageMovieRenderQueue_WorldNormal.R \
+             FinalImageMovieRenderQueue_WorldNormal.G FinalImageMovieRenderQueue_WorldNormal.B \
+             FinalImageMovieRenderQueue_BaseColor.R FinalImageMovieRenderQueue_BaseColor.G \
+             FinalImageMovieRenderQueue_BaseColor.B",
+            [
+                "R/G/B",
+                "FinalImageMovieRenderQueue BaseColor.R/G/B",
+                "FinalImageMovieRenderQueue WorldNormal.R/G/B",
+                "FinalImageMovieRenderQueue WorldDepth.R",
+            ],
+        ),
+        (
+            "L.Combined.R L.Combined.G L.Combined.B L.OctDenoiserBeauty.R L.OctDenoiserBeauty.G L.OctDenoiserBeauty.B \
+             L.OctShadingNormal.R L.OctShadingNormal.G L.OctShadingNormal.B L.OctZDepth.R L.OctZDepth.G L.OctZDepth.B",
+            ["L.Combined.R/G/B", "-", "L.OctShadingNormal.R/G/B", "L.OctZDepth.R"],
+        ),
+        (
+            "R G B CShading_Albedo.R CShading_Albedo.G CShading_Albedo.B CGeometry_NormalsShading.R \
+             CGeometry_NormalsShading.G CGeometry_NormalsShading.B CGeometry_ZDepth.R",
+            ["R/G/B", "CShading Albedo.R/G/B", "CGeometry NormalsShading.R/G/B", "CGeometry ZDepth.R"],
         ),
         // Components joined to the name; the only RGB layer; integers and half a triple are passed over.
         ("R G B Nx Ny Nz albedoR albedoG albedoB", ["R/G/B", "albedoR/albedoG/albedoB", "Nx/Ny/Nz", "-"]),
@@ -223,10 +256,13 @@ fn parts_are_layers() {
         found(&read(&directory.file("shot.exr", &parts)).unwrap())[..2],
         ["part shot: R/G/B", "part aux: albedo.R/G/B"]
     );
-    // Left and right eye are chosen by the part's name.
-    let parts = [Part::new("left", "image.R image.G image.B"), Part::new("right", "image.R image.G image.B")];
-    let path = directory.file("eyes.exr", &parts);
+    // Parts that are equally good are chosen by their names; left and right are views.
+    let parts = |names: [&'static str; 2]| names.map(|name| Part::new(name, "image.R image.G image.B"));
+    let path = directory.file("takes.exr", &parts(["one", "two"]));
     assert!(matches!(failure(read(&path)), ExrError::Ambiguous { .. }));
+    assert_eq!(found(&named(&path, "two").unwrap())[0], "part two: image.R/G/B");
+    let path = directory.file("eyes.exr", &parts(["left", "right"]));
+    assert_eq!(found(&read(&path).unwrap())[0], "part left: image.R/G/B");
     assert_eq!(found(&named(&path, "right").unwrap())[0], "part right: image.R/G/B");
 }
 

@@ -1,8 +1,8 @@
 //! `vkdenoise`: denoises OpenEXR renders from the command line.
 //!
 //! Arguments and files are checked before the device is opened. Results (JSON, figures against a reference) go to
-//! standard output, everything else to standard error. Exit code 0: everything was written whole; 1: something failed;
-//! 2: the command line was wrong; 130: interrupted.
+//! standard output, everything else to standard error. Exit code 0: everything was written whole; 3: some images
+//! failed, the others were written; 1: all failed; 2: the command line was wrong; 130: interrupted.
 
 #[path = "denoise/args.rs"]
 mod args;
@@ -16,8 +16,14 @@ mod interrupt;
 mod jobs;
 #[path = "denoise/preview.rs"]
 mod preview;
+#[path = "denoise/ranges.rs"]
+mod ranges;
 #[path = "denoise/report.rs"]
 mod report;
+#[path = "denoise/reporter.rs"]
+mod reporter;
+#[path = "denoise/session.rs"]
+mod session;
 #[path = "denoise/work.rs"]
 mod work;
 
@@ -29,8 +35,10 @@ use std::process::ExitCode;
 enum Failure {
     /// The command line asks for something that cannot be meant.
     Usage(String),
-    /// Something did not work out.
+    /// Nothing was written.
     Failed(String),
+    /// Some images failed, the others are written.
+    Some(String),
 }
 
 impl Failure {
@@ -53,6 +61,10 @@ fn main() -> ExitCode {
             eprintln!("vkdenoise: {message}");
             ExitCode::from(1)
         }
+        Err(Failure::Some(message)) => {
+            eprintln!("vkdenoise: {message}");
+            ExitCode::from(3)
+        }
         Err(Failure::Usage(message)) => {
             eprintln!("vkdenoise: {message}\nTry 'vkdenoise --help'.");
             ExitCode::from(2)
@@ -62,6 +74,6 @@ fn main() -> ExitCode {
 
 fn denoise(args: &Args) -> Result<(), Failure> {
     interrupt::install()?;
-    let jobs = jobs::plan(args)?;
-    work::run(args, &jobs)
+    let plan = jobs::plan(args)?;
+    work::run(args, &plan)
 }

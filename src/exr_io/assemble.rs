@@ -1,6 +1,6 @@
 //! A file again, with new colour in its place.
 
-use super::codec::{batch_len, encode_color};
+use super::codec::{NewColor, batch_len, encode_colors};
 use super::container::Container;
 use super::error::ExrError;
 use crate::parallel;
@@ -8,14 +8,12 @@ use exr::block::chunk::TileCoordinates;
 use std::collections::HashMap;
 use std::io::{Seek, SeekFrom, Write};
 
-/// Writes the file with `color` (interleaved RGB) in the given channels of one part.
+/// Writes the file with new colours.
 ///
-/// The header and all other parts are copied bit for bit, and so is the order of the blocks.
+/// The header and all parts without any are copied bit for bit, and so is the order of the blocks.
 pub(super) fn assemble(
     container: &Container,
-    part: usize,
-    channels: &[usize],
-    color: &[f32],
+    colors: &[NewColor],
     out: &mut (impl Write + Seek),
 ) -> std::io::Result<()> {
     let header = &container.bytes[..container.header_len];
@@ -24,15 +22,21 @@ pub(super) fn assemble(
     write_offsets(out, &offsets)?;
     let mut position = (header.len() + 8 * offsets.len()) as u64;
 
-    let tiles: HashMap<usize, TileCoordinates> =
-        container.full_size_chunks(part).into_iter().map(|(chunk, tile)| (chunk.index, tile)).collect();
+    let colored: Vec<usize> =
+        (0..container.meta.headers.len()).filter(|&part| colors.iter().any(|color| color.is_in(part))).collect();
+    let tiles: HashMap<(usize, usize), TileCoordinates> = colored
+        .iter()
+        .flat_map(|&part| container.full_size_chunks(part))
+        .map(|(chunk, tile)| ((chunk.part, chunk.index), tile))
+        .collect();
+    let batch = colored.iter().map(|&part| batch_len(container, part)).min().unwrap_or(1);
     let mut order: Vec<usize> = (0..container.chunks.len()).collect();
     order.sort_by_key(|&i| container.chunks[i].prefix.start);
-    for batch in order.chunks(batch_len(container, part)) {
+    for batch in order.chunks(batch) {
         let encoded = parallel::map(batch, |&i| -> Result<Option<Vec<u8>>, ExrError> {
             let chunk = &container.chunks[i];
-            let tile = if chunk.part == part { tiles.get(&chunk.index) } else { None };
-            tile.map(|&tile| encode_color(container, chunk, tile, channels, color)).transpose()
+            let tile = tiles.get(&(chunk.part, chunk.index));
+            tile.map(|&tile| encode_colors(container, chunk, tile, colors)).transpose()
         });
         for (&i, encoded) in batch.iter().zip(encoded) {
             let chunk = &container.chunks[i];

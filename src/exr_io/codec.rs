@@ -1,13 +1,16 @@
 //! Samples out of compressed blocks, and colour back into them.
 
+use super::coding::Coding;
 use super::container::{Chunk, Container};
 use super::error::ExrError;
+use super::layers::{Place, is_subsampled, text};
+use super::samples::{Block, Rectangle, copy_samples, declared_bytes, read_line, write_line};
 use crate::parallel;
 use exr::block::chunk::TileCoordinates;
 use exr::math::Vec2;
-use exr::meta::attribute::{ChannelDescription, ChannelList, Compression, SampleType};
+use exr::meta::BlockDescription;
+use exr::meta::attribute::{ChannelDescription, Compression, IntegerBounds, SampleType, Text};
 use exr::meta::header::Header;
-use half::f16;
 use std::panic::{AssertUnwindSafe, catch_unwind};
 
 /// The most pixels that a data window may have: 16384 x 16384.
@@ -26,22 +29,18 @@ fn largest_ratio(compression: Compression) -> u64 {
     }
 }
 
-/// A rectangle of pixels; a block's lies within its data window.
-#[derive(Clone, Copy)]
-pub(super) struct Rectangle {
-    pub x: usize,
-    pub y: usize,
-    pub width: usize,
-    pub height: usize,
+/// New colours for the channels of a picture.
+pub(super) struct NewColor<'a> {
+    pub channels: &'a [Place],
+    pub coding: Coding,
+    /// Interleaved RGB of the whole data window.
+    pub color: &'a [f32],
 }
 
-impl Rectangle {
-    /// What both cover, if anything.
-    fn overlap(self, other: Self) -> Option<Self> {
-        let (x, y) = (self.x.max(other.x), self.y.max(other.y));
-        let right = (self.x + self.width).min(other.x + other.width);
-        let bottom = (self.y + self.height).min(other.y + other.height);
-        (x < right && y < bottom).then(|| Self { x, y, width: right - x, height: bottom - y })
+impl NewColor<'_> {
+    /// Whether it has channels in a part.
+    pub fn is_in(&self, part: usize) -> bool {
+        self.channels.iter().any(|place| place.part == part)
     }
 }
 
@@ -54,35 +53,42 @@ pub(super) fn check_size(container: &Container, part: usize) -> Result<(), ExrEr
     if pixels > MAX_PIXELS {
         return too_large(format!("more than the limit of {MAX_PIXELS} pixels"));
     }
-    let declared = pixels.saturating_mul(header.channels.bytes_per_pixel as u64);
+    let declared = declared_bytes(header);
     let stored: u64 = container.full_size_chunks(part).iter().map(|(c, _)| c.data.len() as u64).sum();
     if declared > stored.saturating_mul(largest_ratio(header.compression)) {
         return too_large(format!("more than its {stored} bytes of pixel data can hold"));
     }
-    Ok(())
+    check_sampling(container, part)
 }
 
-/// Decodes several planes of one part: for each, the given channels interleaved as f32.
-/// The caller has called [`check_size`], and the part has no subsampled channels.
-pub(super) fn decode_planes(
-    container: &Container,
-    part: usize,
-    planes: &[&[usize]],
-) -> Result<Vec<Vec<f32>>, ExrError> {
+/// Decodes several planes: for each, the given channels interleaved as f32, those of each part at once.
+/// The caller has called [`check_size`] for the parts, which have one data window.
+pub(super) fn decode_planes(container: &Container, planes: &[&[Place]]) -> Result<Vec<Vec<f32>>, ExrError> {
+    let mut parts: Vec<usize> = planes.iter().flat_map(|plane| plane.iter().map(|place| place.part)).collect();
+    parts.sort_unstable();
+    parts.dedup();
+    let pixels = parts.first().map_or(0, |&part| container.header(part).layer_size.area());
+    let mut out: Vec<Vec<f32>> = planes.iter().map(|channels| vec![0.0; pixels * channels.len()]).collect();
+    for part in parts {
+        decode_part(container, part, planes, &mut out)?;
+    }
+    Ok(out)
+}
+
+fn decode_part(container: &Container, part: usize, planes: &[&[Place]], out: &mut [Vec<f32>]) -> Result<(), ExrError> {
     let header = container.header(part);
-    let (width, height) = (header.layer_size.x(), header.layer_size.y());
-    let mut out: Vec<Vec<f32>> = planes.iter().map(|p| vec![0.0; width * height * p.len()]).collect();
-    let places = channel_places(&header.channels);
+    let width = header.layer_size.x();
     let chunks = container.full_size_chunks(part);
     for batch in chunks.chunks(batch_len(container, part)) {
         let decoded = parallel::map(batch, |(chunk, tile)| decompress(container, chunk, *tile));
-        for block in decoded {
-            let (rectangle, bytes) = block?;
-            for (channels, plane) in planes.iter().zip(&mut out) {
-                for (component, &channel) in channels.iter().enumerate() {
-                    let (start, sample_type) = places[channel];
+        for decoded in decoded {
+            let (rectangle, bytes) = decoded?;
+            let block = Block::new(header, rectangle);
+            for (channels, plane) in planes.iter().zip(&mut *out) {
+                for (component, place) in channels.iter().enumerate().filter(|(_, place)| place.part == part) {
+                    let sample_type = header.channels.list[place.channel].sample_type;
                     for row in 0..rectangle.height {
-                        let line = line_of(&bytes, rectangle, row, start, header.channels.bytes_per_pixel, sample_type);
+                        let line = &bytes[block.line(row, place.channel)];
                         let first = ((rectangle.y + row) * width + rectangle.x) * channels.len() + component;
                         read_line(line, sample_type, &mut plane[first..], channels.len());
                     }
@@ -90,7 +96,7 @@ pub(super) fn decode_planes(
             }
         }
     }
-    Ok(out)
+    Ok(())
 }
 
 /// How many blocks of a part to work on at a time.
@@ -101,43 +107,45 @@ pub(super) fn batch_len(container: &Container, part: usize) -> usize {
     (BATCH_BYTES / (pixels * header.channels.bytes_per_pixel).max(1)).clamp(parallel::workers(), 4096)
 }
 
-/// Compresses one block of the colour's part anew, with `color` (interleaved RGB of the whole data window) in its
-/// colour channels. Where the three are one grey channel, it takes their mean. Halfs are clamped to their range.
-pub(super) fn encode_color(
+/// Compresses one block anew, with new colours in their channels.
+pub(super) fn encode_colors(
     container: &Container,
     chunk: &Chunk,
     tile: TileCoordinates,
-    channels: &[usize],
-    color: &[f32],
+    colors: &[NewColor],
 ) -> Result<Vec<u8>, ExrError> {
     let header = container.header(chunk.part);
     let (rectangle, mut bytes) = decompress(container, chunk, tile)?;
-    put_color(header, channels, color, rectangle, &mut bytes);
+    put_colors(header, chunk.part, colors, rectangle, &mut bytes);
+    if let Some((flat, window)) = flat_header(header, bytes.len()) {
+        return guarded(container, chunk.index, || {
+            header.compression.compress_image_section_to_le(&flat, bytes, window)
+        });
+    }
     guarded(container, chunk.index, || {
         let window = header.get_absolute_block_pixel_coordinates(tile)?;
         header.compression.compress_image_section_to_le(header, bytes, window)
     })
 }
 
-/// Writes `color` (interleaved RGB of the whole data window) into the colour channels of the samples of a rectangle.
-pub(super) fn put_color(header: &Header, channels: &[usize], color: &[f32], rectangle: Rectangle, bytes: &mut [u8]) {
-    let places = channel_places(&header.channels);
-    let gray = channels.iter().all(|c| *c == channels[0]);
-    let components = if gray { 1 } else { channels.len() };
-    for (component, &channel) in channels.iter().enumerate().take(components) {
-        let (start, sample_type) = places[channel];
-        for row in 0..rectangle.height {
-            let range = line_range(rectangle, row, start, header.channels.bytes_per_pixel, sample_type);
-            let first = 3 * ((rectangle.y + row) * header.layer_size.x() + rectangle.x);
-            let pixels = color[first..first + 3 * rectangle.width].chunks_exact(3);
-            let values = pixels.map(|p| if gray { (p[0] + p[1] + p[2]) / 3.0 } else { p[component] });
-            write_line(&mut bytes[range], sample_type, values);
+/// Writes new colours into the samples of a rectangle of a part.
+pub(super) fn put_colors(header: &Header, part: usize, colors: &[NewColor], rectangle: Rectangle, bytes: &mut [u8]) {
+    let block = Block::new(header, rectangle);
+    for NewColor { channels, coding, color } in colors {
+        for (component, place) in channels.iter().enumerate().filter(|(_, place)| place.part == part) {
+            let sample_type = header.channels.list[place.channel].sample_type;
+            for row in 0..rectangle.height {
+                let first = 3 * ((rectangle.y + row) * header.layer_size.x() + rectangle.x);
+                let pixels = color[first..first + 3 * rectangle.width].chunks_exact(3);
+                let values = pixels.map(|p| coding.samples([p[0], p[1], p[2]])[component]);
+                write_line(&mut bytes[block.line(row, place.channel)], sample_type, values);
+            }
         }
     }
 }
 
-/// The samples of a rectangle of a part, all channels, in the order of a block. The caller has called [`check_size`], and
-/// the part has no subsampled channels.
+/// The samples of a rectangle of a part, all channels, in the order of a block. The caller has called [`check_size`],
+/// and the part has no subsampled channels.
 pub(super) fn cut_out(container: &Container, part: usize, rectangle: Rectangle) -> Result<Vec<u8>, ExrError> {
     let header = container.header(part);
     let mut out = vec![0; rectangle.width * rectangle.height * header.channels.bytes_per_pixel];
@@ -150,30 +158,10 @@ pub(super) fn cut_out(container: &Container, part: usize, rectangle: Rectangle) 
     for batch in chunks.chunks(batch_len(container, part)) {
         for block in parallel::map(batch, |(chunk, tile)| decompress(container, chunk, *tile)) {
             let (from, bytes) = block?;
-            copy_samples(&header.channels, (from, &bytes), (rectangle, &mut out));
+            copy_samples(header, (from, &bytes), (rectangle, &mut out));
         }
     }
     Ok(out)
-}
-
-/// Copies what two rectangles of samples have in common from one to the other.
-pub(super) fn copy_samples(
-    channels: &ChannelList,
-    (from, source): (Rectangle, &[u8]),
-    (to, target): (Rectangle, &mut [u8]),
-) {
-    let Some(both) = from.overlap(to) else { return };
-    for (start, sample_type) in channel_places(channels) {
-        let size = sample_type.bytes_per_sample();
-        for y in both.y..both.y + both.height {
-            let range = |of: Rectangle| {
-                let line = line_range(of, y - of.y, start, channels.bytes_per_pixel, sample_type);
-                let first = line.start + (both.x - of.x) * size;
-                first..first + both.width * size
-            };
-            target[range(to)].copy_from_slice(&source[range(from)]);
-        }
-    }
 }
 
 fn decompress(container: &Container, chunk: &Chunk, tile: TileCoordinates) -> Result<(Rectangle, Vec<u8>), ExrError> {
@@ -185,6 +173,9 @@ fn decompress(container: &Container, chunk: &Chunk, tile: TileCoordinates) -> Re
         let size = window.size;
         let rectangle = Rectangle { x: position.x(), y: position.y(), width: size.x(), height: size.y() };
         let data = container.bytes[chunk.data.clone()].to_vec();
+        if let Some((flat, window)) = flat_header(header, Block::new(header, rectangle).bytes()) {
+            return Ok((rectangle, header.compression.decompress_image_section_from_le(&flat, data, window, false)?));
+        }
         check_dwa_sizes(header, &data, size)?;
         Ok((rectangle, header.compression.decompress_image_section_from_le(header, data, window, false)?))
     })
@@ -225,72 +216,31 @@ pub(super) fn guarded<R>(
     }
 }
 
-/// For each channel, the bytes of the channels before it in a pixel, and its type.
-fn channel_places(channels: &ChannelList) -> Vec<(usize, SampleType)> {
-    let mut start = 0;
-    let place = |channel: &ChannelDescription| {
-        let place = (start, channel.sample_type);
-        start += channel.sample_type.bytes_per_sample();
-        place
-    };
-    channels.list.iter().map(place).collect()
+/// For a part with subsampled channels, which the codec does not know: as many bytes as one line of halves. The codecs
+/// of such parts ([`check_sampling`]) see bytes alone (on machines that store numbers as the file does, low byte
+/// first).
+fn flat_header(header: &Header, bytes: usize) -> Option<(Header, IntegerBounds)> {
+    header.channels.list.iter().any(is_subsampled).then_some(())?;
+    let size = Vec2(bytes / SampleType::F16.bytes_per_sample(), 1);
+    let channel = ChannelDescription::new(Text::from("Y"), SampleType::F16, false);
+    let flat = Header::new(Text::from(""), size, std::iter::once(channel).collect());
+    let (compression, order) = (header.compression, header.line_order);
+    let flat = flat.with_encoding(compression, BlockDescription::ScanLines, order);
+    Some((flat, IntegerBounds::new(Vec2(0, 0), size)))
 }
 
-/// A block holds its rows one after another, and each row its channels one after another.
-fn line_range(
-    rectangle: Rectangle,
-    row: usize,
-    start: usize,
-    pixel_bytes: usize,
-    sample_type: SampleType,
-) -> std::ops::Range<usize> {
-    let first = rectangle.width * (row * pixel_bytes + start);
-    first..first + rectangle.width * sample_type.bytes_per_sample()
-}
-
-fn line_of(
-    bytes: &[u8],
-    rectangle: Rectangle,
-    row: usize,
-    start: usize,
-    pixel_bytes: usize,
-    sample_type: SampleType,
-) -> &[u8] {
-    &bytes[line_range(rectangle, row, start, pixel_bytes, sample_type)]
-}
-
-fn read_line(line: &[u8], sample_type: SampleType, out: &mut [f32], step: usize) {
-    let out = out.iter_mut().step_by(step);
-    match sample_type {
-        SampleType::F16 => {
-            for (value, b) in out.zip(line.chunks_exact(2)) {
-                *value = f16::from_ne_bytes([b[0], b[1]]).to_f32();
-            }
-        }
-        SampleType::F32 => {
-            for (value, b) in out.zip(line.chunks_exact(4)) {
-                *value = f32::from_ne_bytes([b[0], b[1], b[2], b[3]]);
-            }
-        }
-        // Integer channels are never chosen for a plane.
-        SampleType::U32 => {}
+/// Checks that a part with subsampled channels can be read: by codecs that do not look at what the bytes are.
+fn check_sampling(container: &Container, part: usize) -> Result<(), ExrError> {
+    let header = container.header(part);
+    let Some(channel) = header.channels.list.iter().find(|channel| is_subsampled(channel)) else { return Ok(()) };
+    let plain = matches!(
+        header.compression,
+        Compression::Uncompressed | Compression::RLE | Compression::ZIP1 | Compression::ZIP16
+    );
+    if plain && cfg!(target_endian = "little") {
+        return Ok(());
     }
-}
-
-fn write_line(line: &mut [u8], sample_type: SampleType, values: impl Iterator<Item = f32>) {
-    let largest = f16::MAX.to_f32();
-    match sample_type {
-        SampleType::F16 => {
-            for (b, value) in line.chunks_exact_mut(2).zip(values) {
-                b.copy_from_slice(&f16::from_f32(value.clamp(-largest, largest)).to_ne_bytes());
-            }
-        }
-        SampleType::F32 => {
-            for (b, value) in line.chunks_exact_mut(4).zip(values) {
-                b.copy_from_slice(&value.to_ne_bytes());
-            }
-        }
-        // Integer channels are never chosen for the colour.
-        SampleType::U32 => {}
-    }
+    let (name, compression) = (text(&channel.name), header.compression);
+    let reason = format!("its subsampled channel {name} cannot be read with {compression}; write it with ZIP");
+    Err(ExrError::unsupported(&container.path, reason))
 }

@@ -1,9 +1,10 @@
 //! The pixels of a rectangle as a file of their own: every part and channel of the file that was read, cropped.
 
-use super::codec::{self, Rectangle, copy_samples, cut_out, guarded, put_color};
+use super::codec::{self, NewColor, cut_out, guarded, put_colors};
 use super::container::Container;
 use super::error::ExrError;
-use super::layers::is_subsampled;
+use super::layers::{is_subsampled, part_name};
+use super::samples::{Rectangle, copy_samples};
 use crate::frame::Region;
 use crate::parallel;
 use exr::block::chunk::Chunk;
@@ -39,12 +40,11 @@ pub(super) fn check(container: &Container, window: IntegerBounds) -> Result<(), 
     parts(container, window).map(|_| ())
 }
 
-/// Writes the file's pixels within `window`, with `color` (interleaved RGB of the colour's whole data window) in the given
-/// channels of one part. Parts that do not meet the window are left out: OpenEXR has no empty images.
+/// Writes the file's pixels within `window`, with new colours. Parts that do not meet the window are left out: OpenEXR
+/// has no empty images.
 pub(super) fn write(
     container: &Container,
-    (color_part, channels): (usize, &[usize]),
-    color: &[f32],
+    colors: &[NewColor],
     window: IntegerBounds,
     out: &mut (impl Write + Seek),
 ) -> std::io::Result<()> {
@@ -52,9 +52,7 @@ pub(super) fn write(
     let mut samples = Vec::with_capacity(parts.len());
     for part in &parts {
         let mut bytes = cut_out(container, part.part, part.rectangle).map_err(Error::other)?;
-        if part.part == color_part {
-            put_color(container.header(part.part), channels, color, part.rectangle, &mut bytes);
-        }
+        put_colors(container.header(part.part), part.part, colors, part.rectangle, &mut bytes);
         samples.push(bytes);
     }
     let headers = parts.into_iter().map(|part| part.header).collect();
@@ -80,12 +78,12 @@ fn parts(container: &Container, window: IntegerBounds) -> Result<Vec<Part>, ExrE
     let mut found = Vec::new();
     for (part, header) in container.meta.headers.iter().enumerate() {
         let Some((bounds, rectangle)) = overlap(header.data_window(), window) else { continue };
-        let name = super::layers::part_name(container, part).map_or("it".into(), |name| format!("part {name}"));
+        let name = part_name(container, part).map_or("it".into(), |name| format!("part {name}"));
         let refuse = |what| Err(ExrError::unsupported(&container.path, format!("{name} {what} and cannot be cropped")));
         if container.has_levels(part) {
             return refuse("is a mip map");
         }
-        if is_subsampled(container, part) {
+        if header.channels.list.iter().any(is_subsampled) {
             return refuse("has subsampled channels");
         }
         codec::check_size(container, part)?;
@@ -124,6 +122,6 @@ fn compress(
     let (position, size) = (block.pixel_position, block.pixel_size);
     let rectangle = Rectangle { x: position.x(), y: position.y(), width: size.x(), height: size.y() };
     let mut data = vec![0; size.area() * header.channels.bytes_per_pixel];
-    copy_samples(&header.channels, (whole, samples), (rectangle, &mut data));
+    copy_samples(header, (whole, samples), (rectangle, &mut data));
     guarded(container, at, || UncompressedBlock { index: block, data }.compress_to_chunk(headers))
 }

@@ -74,6 +74,16 @@ pub enum ExrError {
         /// The layers that there are.
         found: String,
     },
+    /// The file has no view of the name that was asked for.
+    #[error("{} has no view '{wanted}'; it has: {found}", path.display())]
+    NoView {
+        /// The file.
+        path: PathBuf,
+        /// The name.
+        wanted: String,
+        /// The views that there are.
+        found: String,
+    },
     /// Several layers fit equally well.
     #[error("{} has several {wanted} layers ({found}): choose one by its name (--layer NAME)", path.display())]
     Ambiguous {
@@ -81,7 +91,7 @@ pub enum ExrError {
         path: PathBuf,
         /// What was looked for.
         wanted: String,
-        /// The layers that fit.
+        /// The layers that fit, and why each does.
         found: String,
     },
     /// A separate file does not cover the same pixels as the colour.
@@ -105,13 +115,16 @@ pub enum ExrError {
     /// The colour to write has the wrong number of samples.
     #[error("{} needs {wanted} colour samples (3 a pixel), but was given {found}", path.display())]
     ColorLength {
-        /// The file to write.
+        /// The file that was read.
         path: PathBuf,
         /// 3 x width x height.
         wanted: usize,
         /// The number given.
         found: usize,
     },
+    /// What is to be written into one file was read from several, or is nothing.
+    #[error("pictures are written together only if they were read from one file at once, and at least one")]
+    Mixed,
 }
 
 impl ExrError {

@@ -1,8 +1,9 @@
 //! Writing a file whole or not at all.
 
 use super::error::ExrError;
+use std::collections::HashSet;
 use std::fs::{File, Permissions};
-use std::io::{BufWriter, Error};
+use std::io::{BufWriter, Error, ErrorKind};
 use std::path::{Path, PathBuf};
 
 /// Writes a file beside `path` and renames it to `path` when it is complete and on disk.
@@ -12,7 +13,7 @@ use std::path::{Path, PathBuf};
 ///
 /// # Errors
 /// [`ExrError::Write`]: `write`'s own error, a directory that is missing or cannot be written, or a `path` that is
-/// there and is not a regular file.
+/// there and is not a regular file or may only be read.
 pub fn replace_file(
     path: &Path,
     write: impl FnOnce(&mut BufWriter<File>) -> std::io::Result<()>,
@@ -20,16 +21,57 @@ pub fn replace_file(
     replace(path, write).map_err(|source| ExrError::Write { path: path.into(), source })
 }
 
+/// Checks beforehand that files can be written: a folder is tried once, with a file that is removed at once.
+#[derive(Default)]
+pub struct WriteCheck {
+    folders: HashSet<PathBuf>,
+}
+
+impl WriteCheck {
+    /// Checks that [`replace_file`] may write a file there.
+    ///
+    /// # Errors
+    /// [`ExrError::Write`].
+    pub fn check(&mut self, path: &Path) -> Result<(), ExrError> {
+        let try_folder = |target: Target| {
+            if !self.folders.contains(&target.folder) {
+                tempfile::Builder::new().prefix(".vkdenoise").suffix(".tmp").tempfile_in(&target.folder)?;
+                self.folders.insert(target.folder);
+            }
+            Ok(())
+        };
+        Target::of(path).and_then(try_folder).map_err(|source| ExrError::Write { path: path.into(), source })
+    }
+}
+
+/// The file that is really written.
+struct Target {
+    file: PathBuf,
+    folder: PathBuf,
+    /// Those of the file that is there.
+    permissions: Option<Permissions>,
+}
+
+impl Target {
+    fn of(path: &Path) -> std::io::Result<Self> {
+        let (file, permissions) = match std::fs::metadata(path) {
+            Ok(old) if !old.is_file() => return Err(Error::other("it is there and is not a regular file")),
+            Ok(old) if old.permissions().readonly() => {
+                return Err(Error::new(ErrorKind::PermissionDenied, "it is there and may only be read"));
+            }
+            Ok(old) => (path.canonicalize()?, Some(old.permissions())),
+            Err(_) => (path.to_path_buf(), None),
+        };
+        let folder = match file.parent() {
+            Some(parent) if !parent.as_os_str().is_empty() => parent.to_path_buf(),
+            _ => PathBuf::from("."),
+        };
+        Ok(Self { file, folder, permissions })
+    }
+}
+
 fn replace(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> std::io::Result<()>) -> std::io::Result<()> {
-    let (target, permissions) = match std::fs::metadata(path) {
-        Ok(old) if old.is_file() => (path.canonicalize()?, Some(old.permissions())),
-        Ok(_) => return Err(Error::other("it is there and is not a regular file")),
-        Err(_) => (path.to_path_buf(), None),
-    };
-    let directory = match target.parent() {
-        Some(parent) if !parent.as_os_str().is_empty() => parent.to_path_buf(),
-        _ => PathBuf::from("."),
-    };
+    let Target { file: target, folder, permissions } = Target::of(path)?;
     let mut builder = tempfile::Builder::new();
     let mut prefix = std::ffi::OsString::from(".");
     prefix.push(target.file_name().ok_or_else(|| Error::other("it names no file"))?);
@@ -37,7 +79,7 @@ fn replace(path: &Path, write: impl FnOnce(&mut BufWriter<File>) -> std::io::Res
     if let Some(usual) = usual_permissions() {
         builder.permissions(usual);
     }
-    let temporary = builder.tempfile_in(directory)?;
+    let temporary = builder.tempfile_in(folder)?;
     let mut writer = BufWriter::with_capacity(1 << 20, temporary.as_file().try_clone()?);
     write(&mut writer)?;
     let file = writer.into_inner().map_err(|e| e.into_error())?;

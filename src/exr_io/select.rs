@@ -1,300 +1,211 @@
-//! Which layers to denoise and to guide with: the names that renderers write, and their precedence.
-//!
-//! Names are compared without case, spaces and punctuation, so `Denoising Albedo` is `denoisingalbedo`. Each table runs
-//! from the best choice to the last: layers made for a denoiser first, the shading normal before the geometric one.
+//! Which picture to denoise in each view.
 
+use super::coding::{Coding, luminance_weights};
+use super::container::Container;
 use super::error::ExrError;
-use super::layers::{Layer, describe, part_name, simplify};
-use super::{Role, container::Container};
+use super::layers::{Layer, Place, describe, part_name, same, simplify};
+use super::names::{COLOR, is_feature, place, says_denoised};
+use super::views::{Views, unnamed};
 
-/// Colour of layers with a name; plain R, G, B come before all of these.
-/// Blender's `Noisy Image` comes before its `Combined`, which is already denoised where both are there.
-const COLOR: &[&str] = &[
-    "noisyimage",
-    "combined",
-    "beauty",
-    "rgba",
-    "rgb",
-    "color",
-    "colour",
-    "c",
-    "ci",
-    "image",
-    "main",
-    "final",
-    "default",
-];
-
-/// Blender, Arnold; Mitsuba, pbrt, RenderMan, Karma, LuxCore; Arnold; Redshift and V-Ray; Blender's diffuse colour.
-const ALBEDO: &[&str] = &[
-    "denoisingalbedo",
-    "denoisealbedo",
-    "albedo",
-    "guidealbedo",
-    "diffusealbedo",
-    "visiblediffusealbedo",
-    "visiblediffuse",
-    "diffusefilter",
-    "vraydiffusefilter",
-    "basecolor",
-    "diffusecolor",
-    "diffcol",
-];
-
-/// Mitsuba: sh_normal, nn; pbrt: Ns; LuxCore: AVG_SHADING_NORMAL; Arnold, Karma: N; Redshift, V-Ray: bump normals.
-/// pbrt's N is geometric, which is why Ns stands before it.
-const NORMAL: &[&str] = &[
-    "denoisingnormal",
-    "denoisenormal",
-    "shnormal",
-    "avgshadingnormal",
-    "shadingnormal",
-    "shadingnormals",
-    "ns",
-    "nn",
-    "guidenormal",
-    "guidenormalw",
-    "bumpnormals",
-    "vraybumpnormals",
-    "n",
-    "normal",
-    "normals",
-    "worldnormal",
-    "normalworld",
-    "vraynormals",
-    "geonormal",
-    "geometricnormal",
-    "geometrynormal",
-    "ng",
-];
-
-const DEPTH: &[&str] = &[
-    "denoisingdepth",
-    "denoisedepth",
-    "depth",
-    "z",
-    "zdepth",
-    "vrayzdepth",
-    "dd",
-    "distance",
-    "cameradepth",
-    "lineardepth",
-    "t",
-];
-
-const VARIANCE: &[&str] = &["variance", "colorvariance", "colourvariance", "noisevariance", "luminancevariance"];
-
-const SAMPLES: &[&str] = &["samplecount", "samples", "samplecounts", "samplesperpixel", "spp", "numsamples"];
-
-/// The channel of a depth layer, where it has several.
-const DEPTH_CHANNELS: &[&str] = &["Z", "V", "T", "Y", "D", "R", "X"];
-
-/// The same of other planes of one channel; of three colours, green is most of the luminance.
-const SCALAR_CHANNELS: &[&str] = &["Y", "V", "Z", "X", "G", "R"];
-
-/// The channels chosen for a role: three, or one for depth, variance and samples. Grey colour has the same channel three times.
+/// A picture: the channels of one layer.
 #[derive(Clone)]
 pub(super) struct Pick {
-    pub part: usize,
-    pub group: String,
-    pub channels: Vec<usize>,
+    /// Its view, by the name that it has in messages; `None` where the file has but one, without a name.
+    pub view: Option<String>,
+    /// Which of the layers it is.
+    pub layer: usize,
+    /// Its channels: as many as `coding` has.
+    pub channels: Vec<Place>,
+    pub coding: Coding,
 }
 
-fn place(table: &[&str], kind: &str) -> Option<usize> {
-    table.iter().position(|name| *name == kind)
+/// The layers of a file, looked through for pictures.
+pub(super) struct Chooser<'a> {
+    container: &'a Container,
+    layers: &'a [Layer],
+    luminance: [f32; 3],
 }
 
-fn is_feature(kind: &str) -> bool {
-    [ALBEDO, NORMAL, DEPTH, VARIANCE, SAMPLES].into_iter().any(|table| place(table, kind).is_some())
-}
+/// Layers with their numbers.
+type Fits<'a> = Vec<(usize, &'a Layer)>;
 
-fn color_channels(layer: &Layer) -> Option<Vec<usize>> {
-    layer.rgb().or_else(|| layer.gray())
-}
-
-/// How good a colour layer is; less is better. None for layers that are something else.
-fn color_rank(layer: &Layer) -> Option<usize> {
-    color_channels(layer)?;
-    if layer.path.is_empty() {
-        return Some(0);
+impl<'a> Chooser<'a> {
+    pub fn new(container: &'a Container, layers: &'a [Layer]) -> Self {
+        Self { container, layers, luminance: luminance_weights(container) }
     }
-    let kind = layer.kind();
-    // The first part of a file of parts is its main image, whatever its name.
-    let main_part = || (layer.part == 0 && layer.bare && !is_feature(&kind)).then_some(COLOR.len() + 1);
-    place(COLOR, &kind).map(|at| at + 1).or_else(main_part)
-}
 
-fn pick_color_of(layer: &Layer) -> Option<Pick> {
-    Some(Pick { part: layer.part, group: layer.group().into(), channels: color_channels(layer)? })
-}
-
-/// The best of several colour layers, or an error that lists those which are equally good.
-fn best_color(container: &Container, fits: Vec<&Layer>, wanted: &str) -> Result<Option<Pick>, ExrError> {
-    let rank = |layer: &Layer| color_rank(layer).unwrap_or(usize::MAX);
-    let Some(best) = fits.iter().map(|l| rank(l)).min() else { return Ok(None) };
-    let mut fits: Vec<&Layer> = fits.into_iter().filter(|l| rank(l) == best).collect();
-    // Blender's Composite has been through the compositor; the view layers are what the renderer made.
-    if fits.iter().any(|l| simplify(l.group()) != "composite") {
-        fits.retain(|l| simplify(l.group()) != "composite");
-    }
-    if fits.len() > 1 {
-        let names: Vec<String> = fits.iter().map(|l| full_name(container, l)).collect();
-        let (path, found) = (container.path.clone(), names.join(", "));
-        return Err(ExrError::Ambiguous { path, wanted: wanted.into(), found });
-    }
-    Ok(fits.first().and_then(|layer| pick_color_of(layer)))
-}
-
-fn full_name(container: &Container, layer: &Layer) -> String {
-    match part_name(container, layer.part) {
-        Some(part) if part != layer.path => format!("{} in part {part}", layer.path),
-        _ => layer.path.clone(),
-    }
-}
-
-/// Finds the colour by the usual names.
-fn usual_color(container: &Container, layers: &[Layer]) -> Result<Option<Pick>, ExrError> {
-    let ranked: Vec<&Layer> = layers.iter().filter(|l| color_rank(l).is_some()).collect();
-    if !ranked.is_empty() {
-        return best_color(container, ranked, "colour");
-    }
-    let mut others = layers.iter().filter(|l| l.rgb().is_some() && !is_feature(&l.kind()));
-    match (others.next(), others.next()) {
-        (Some(only), None) => Ok(pick_color_of(only)),
-        _ => Ok(None),
-    }
-}
-
-/// Finds the colour layer: the one of the given name, or else by the usual names.
-///
-/// A name is, in this order: a layer's full name (`ViewLayer.Combined`), a part's name, a view layer's name
-/// (`ViewLayer`), or the last section of a layer's name (`Combined`).
-pub(super) fn pick_color(container: &Container, layers: &[Layer], name: Option<&str>) -> Result<Pick, ExrError> {
-    let missing = |wanted: String| {
-        let found = describe(layers.iter());
-        ExrError::NoLayer { path: container.path.clone(), wanted, found }
-    };
-    let Some(name) = name else {
-        return usual_color(container, layers)?.ok_or_else(|| missing("colour (R, G, B or Y)".into()));
-    };
-    let named = |test: &dyn Fn(&Layer) -> bool| -> Vec<&Layer> {
-        layers.iter().filter(|l| color_channels(l).is_some() && test(l)).collect()
-    };
-    let simple = simplify(name);
-    let steps = [
-        named(&|l| l.path.eq_ignore_ascii_case(name)),
-        named(&|l| part_name(container, l.part).is_some_and(|p| p.eq_ignore_ascii_case(name))),
-        named(&|l| l.group().eq_ignore_ascii_case(name) && color_rank(l).is_some()),
-        named(&|l| !simple.is_empty() && l.kind() == simple),
-    ];
-    let fits = steps.into_iter().find(|fits| !fits.is_empty()).unwrap_or_default();
-    best_color(container, fits, &format!("'{name}'"))?.ok_or_else(|| missing(format!("colour '{name}'")))
-}
-
-/// A layer that could serve as a feature: its place in the role's table, its group and its channels.
-struct Candidate {
-    place: usize,
-    group: String,
-    part: usize,
-    channels: Vec<usize>,
-}
-
-fn vector_candidate(role: Role, layer: &Layer) -> Option<Candidate> {
-    let (table, channels) = match role {
-        Role::Normal => (NORMAL, layer.xyz().or_else(|| layer.rgb())),
-        _ => (ALBEDO, layer.rgb().or_else(|| layer.xyz())),
-    };
-    Some(Candidate {
-        place: place(table, &layer.kind())?,
-        group: layer.group().into(),
-        part: layer.part,
-        channels: channels?,
-    })
-}
-
-fn scalar_candidates(role: Role, layer: &Layer) -> Vec<Candidate> {
-    let table = match role {
-        Role::Variance => VARIANCE,
-        Role::Samples => SAMPLES,
-        _ => DEPTH,
-    };
-    let candidate = |place: usize, group: &str, channel: usize| Candidate {
-        place,
-        group: group.into(),
-        part: layer.part,
-        channels: vec![channel],
-    };
-    let kind = layer.kind();
-    if let Some(at) = place(table, &kind) {
-        return scalar_channel(role, layer).map(|c| candidate(at, layer.group(), c)).into_iter().collect();
-    }
-    // The T of Mitsuba's depth, whose layer has any name.
-    if let [(name, channel)] = layer.channels.as_slice()
-        && role == Role::Depth
-        && name == "T"
-        && !layer.bare
-    {
-        return vec![candidate(DEPTH.len(), layer.group(), *channel)];
-    }
-    if layer.xyz().is_some() || place(NORMAL, &kind).is_some() {
-        return Vec::new();
-    }
-    // A channel named for itself: plain Z, or ViewLayer.Depth without a component.
-    let group = if layer.bare || color_rank(layer).is_some() { layer.group() } else { layer.path.as_str() };
-    let named = layer.channels.iter().filter_map(|(name, c)| Some((place(table, &simplify(name))?, *c)));
-    named.map(|(at, c)| candidate(at, group, c)).collect()
-}
-
-fn scalar_channel(role: Role, layer: &Layer) -> Option<usize> {
-    let names = if role == Role::Depth { DEPTH_CHANNELS } else { SCALAR_CHANNELS };
-    let by_name = names.iter().find_map(|name| layer.channel(name));
-    by_name.or_else(|| layer.channels.first().map(|&(_, index)| index))
-}
-
-fn candidates(role: Role, layers: &[Layer]) -> Vec<Candidate> {
-    match role {
-        _ if role.is_scalar() => layers.iter().flat_map(|layer| scalar_candidates(role, layer)).collect(),
-        _ => layers.iter().filter_map(|layer| vector_candidate(role, layer)).collect(),
-    }
-}
-
-/// Finds a feature for the chosen colour: in its own view layer first, then among layers without one. A colour without
-/// a view layer takes those of another group, if there is only one.
-pub(super) fn pick_feature(role: Role, layers: &[Layer], color: &Pick) -> Option<Pick> {
-    let mut found = candidates(role, layers);
-    let near = |c: &Candidate| c.group == color.group || c.group.is_empty();
-    if found.iter().any(near) {
-        found.retain(near);
-    } else if !color.group.is_empty() || found.iter().any(|c| c.group != found[0].group) {
-        return None;
-    }
-    // A stable order: of equals, the first in the file.
-    let best = found.into_iter().min_by_key(|c| (c.group != color.group, c.place))?;
-    Some(Pick { part: best.part, group: best.group, channels: best.channels })
-}
-
-/// Finds a feature in a file of its own, where it may have any name: by the usual names first, then whatever would be
-/// the colour, then the only layer that has enough channels.
-pub(super) fn pick_from_own_file(role: Role, container: &Container, layers: &[Layer]) -> Result<Pick, ExrError> {
-    if let Some(best) = candidates(role, layers).into_iter().min_by_key(|c| c.place) {
-        return Ok(Pick { part: best.part, group: best.group, channels: best.channels });
-    }
-    let wanted = if role.is_scalar() { 1 } else { 3 };
-    let mut pick = usual_color(container, layers)?;
-    if pick.is_none() {
-        let channels = |layer: &Layer| match role {
-            _ if role.is_scalar() => scalar_channel(role, layer).map(|c| vec![c]),
-            _ => layer.rgb().or_else(|| layer.xyz()),
+    /// Finds the picture of each view, or of the one that is asked for: the layer of the given name, or else by the
+    /// usual names.
+    ///
+    /// A name is, in this order: a layer's full name (`ViewLayer.Combined`, with or without its view), a part's name, a
+    /// view layer's name (`ViewLayer`), a view (`right`), or the last section of a layer's name (`Combined`).
+    pub fn pictures(&self, layer: Option<&str>, view: Option<&str>) -> Result<Vec<Pick>, ExrError> {
+        let fits = match layer {
+            Some(name) => self.named(name),
+            None => self.usual()?,
         };
-        let mut fits = layers.iter().filter_map(|l| Some((l, channels(l)?)));
-        if let (Some((layer, channels)), None) = (fits.next(), fits.next()) {
-            pick = Some(Pick { part: layer.part, group: layer.group().into(), channels });
+        let wanted = layer.map_or("colour".into(), |name| format!("colour '{name}'"));
+        if fits.is_empty() {
+            return Err(self.missing(layer.map_or("colour (R, G, B or Y)".into(), |_| wanted)));
+        }
+        let views = self.views(&fits);
+        let shown = |view: &Option<String>| view.clone().unwrap_or_else(|| unnamed(&views).into());
+        let chosen: Vec<&Option<String>> =
+            views.iter().filter(|v| view.is_none_or(|wanted| same(&shown(v), wanted))).collect();
+        if chosen.is_empty() {
+            let found = views.iter().map(shown).collect::<Vec<_>>().join(", ");
+            let wanted = view.unwrap_or_default().into();
+            return Err(ExrError::NoView { path: self.container.path.clone(), wanted, found });
+        }
+        let only = self.layers.iter().all(|layer| layer.view.is_none());
+        let of_view = |v: &Option<String>| {
+            let fits = fits.iter().filter(|(_, layer)| layer.view == *v).copied().collect();
+            let pick = self.best(fits, &wanted)?;
+            Ok(Pick { view: (!only).then(|| shown(v)), ..pick })
+        };
+        chosen.into_iter().map(of_view).collect()
+    }
+
+    /// Finds the layer of a picture's view to write a result into; for names as [`Chooser::pictures`] has them.
+    pub fn target(&self, picture: &Pick, name: &str) -> Result<Pick, ExrError> {
+        let window = |layer: &Layer| self.container.header(layer.part).data_window();
+        let source = &self.layers[picture.layer];
+        let mut fits = self.named(name);
+        fits.retain(|(_, layer)| layer.view == source.view);
+        if fits.is_empty() {
+            return Err(self.missing(format!("colour '{name}'")));
+        }
+        let pick = self.best(fits, &format!("'{name}'"))?;
+        if window(&self.layers[pick.layer]) != window(source) {
+            let reason = format!("layer '{name}' to write into covers other pixels than the colour");
+            return Err(ExrError::unsupported(&self.container.path, reason));
+        }
+        Ok(Pick { view: picture.view.clone(), ..pick })
+    }
+
+    /// Layers of the picture's view that have the same picture, raw or denoised already, and whether that is raw.
+    pub fn beside(&self, picture: &Pick) -> Vec<(&'a Layer, bool)> {
+        let own = &self.layers[picture.layer];
+        let (kind, same_place) = (own.kind(), |l: &Layer| l.view == own.view && l.group() == own.group());
+        let other = |(at, layer): (usize, &'a Layer)| {
+            if at == picture.layer || !same_place(layer) || self.picture(layer).is_none() {
+                return None;
+            }
+            match (kind.as_str(), layer.kind().as_str()) {
+                ("noisyimage", "combined") => Some((layer, false)),
+                ("combined", "noisyimage") => Some((layer, true)),
+                (mine, its) if says_denoised(its) && !says_denoised(mine) => Some((layer, false)),
+                _ => None,
+            }
+        };
+        self.layers.iter().enumerate().filter_map(other).collect()
+    }
+
+    fn missing(&self, wanted: String) -> ExrError {
+        ExrError::NoLayer { path: self.container.path.clone(), wanted, found: describe(self.layers.iter()) }
+    }
+
+    /// Refuses a file whose picture is stored in channels of less than full resolution.
+    fn check_sampling(&self) -> Result<(), ExrError> {
+        let named = |layer: &&Layer| layer.path.is_empty() || place(COLOR, &layer.kind()).is_some();
+        let Some(layer) = self.layers.iter().filter(|layer| layer.subsampled).find(named) else { return Ok(()) };
+        let of = if layer.written.is_empty() { String::new() } else { format!(" of {}", layer.written) };
+        let reason = format!("the colour channels{of} are subsampled (luminance and chroma); write it as R, G, B");
+        Err(ExrError::unsupported(&self.container.path, reason))
+    }
+
+    /// The views of layers: first those that the file names, in its order.
+    fn views(&self, fits: &Fits) -> Vec<Option<String>> {
+        let mut views: Vec<Option<String>> =
+            Views::of(&self.container.meta).names().iter().cloned().map(Some).collect();
+        for (_, layer) in fits {
+            if !views.contains(&layer.view) {
+                views.push(layer.view.clone());
+            }
+        }
+        views.retain(|view| fits.iter().any(|(_, layer)| layer.view == *view));
+        views
+    }
+
+    fn picture(&self, layer: &Layer) -> Option<(Vec<Place>, Coding)> {
+        layer.picture(self.luminance).or_else(|| layer.some_of_rgb())
+    }
+
+    fn filter(&self, test: impl Fn(&Layer) -> bool) -> Fits<'a> {
+        let fits = self.layers.iter().enumerate();
+        fits.filter(|(_, layer)| self.picture(layer).is_some() && test(layer)).collect()
+    }
+
+    /// How good a colour layer is; less is better. None for layers that are something else.
+    fn rank(&self, layer: &Layer) -> Option<usize> {
+        // A channel or two count only where there is no whole picture.
+        let whole = layer.picture(self.luminance).is_some();
+        self.picture(layer)?;
+        let kind = layer.kind();
+        // The first part of a file of parts is its main image, whatever its name.
+        let main_part = || (layer.part == 0 && layer.bare && !is_feature(&kind)).then_some(COLOR.len() + 1);
+        let named = if layer.path.is_empty() { Some(0) } else { place(COLOR, &kind).map(|at| at + 1) };
+        named.or_else(main_part).map(|rank| if whole { rank } else { rank + COLOR.len() + 2 })
+    }
+
+    /// Layers that are the colour by their names; without any, what else may be it.
+    fn usual(&self) -> Result<Fits<'a>, ExrError> {
+        let ranked = self.filter(|layer| self.rank(layer).is_some());
+        if !ranked.is_empty() {
+            return Ok(ranked);
+        }
+        self.check_sampling()?;
+        let mut others = self.filter(|l| l.rgb().is_some() && !is_feature(&l.kind()) && !says_denoised(&l.kind()));
+        // Of layers with any name a picture is the one that has an alpha.
+        let alphas = others.iter().filter(|(_, layer)| layer.channel("A").is_some()).count();
+        if alphas > 0 {
+            others.retain(|(_, layer)| layer.channel("A").is_some());
+        }
+        Ok(others)
+    }
+
+    fn named(&self, name: &str) -> Fits<'a> {
+        let simple = simplify(name);
+        let steps: [&dyn Fn(&Layer) -> bool; 5] = [
+            &|l| same(&l.path, name) || same(&l.written, name),
+            &|l| part_name(self.container, l.part).is_some_and(|part| same(&part, name)),
+            &|l| same(l.group(), name) && self.rank(l).is_some(),
+            &|l| l.view.as_ref().is_some_and(|view| same(view, name)) && self.rank(l).is_some(),
+            &|l| !simple.is_empty() && l.kind() == simple,
+        ];
+        steps.into_iter().map(|test| self.filter(test)).find(|fits| !fits.is_empty()).unwrap_or_default()
+    }
+
+    /// The best of several colour layers of a view, or an error that lists those which are equally good, and says why.
+    fn best(&self, mut fits: Fits<'a>, wanted: &str) -> Result<Pick, ExrError> {
+        let rank = |layer: &Layer| self.rank(layer).unwrap_or(usize::MAX);
+        let best = fits.iter().map(|(_, l)| rank(l)).min();
+        fits.retain(|(_, l)| Some(rank(l)) == best);
+        // Blender's Composite has been through the compositor; the view layers are what the renderer made.
+        let composite = |layer: &Layer| simplify(layer.group()) == "composite";
+        if fits.iter().any(|(_, l)| !composite(l)) {
+            fits.retain(|(_, l)| !composite(l));
+        }
+        if let [(_, first), _, ..] = fits[..] {
+            let names: Vec<String> = fits.iter().map(|(_, l)| self.full_name(l)).collect();
+            let kind = first.path.rsplit('.').next().unwrap_or_default();
+            let why = match best {
+                Some(usize::MAX) | None => "each has a colour's channels, and none a colour's name".into(),
+                _ if kind.is_empty() => "each has no other name".into(),
+                _ => format!("each is named {kind}"),
+            };
+            let (path, found) = (self.container.path.clone(), format!("{}; {why}", names.join(", ")));
+            return Err(ExrError::Ambiguous { path, wanted: wanted.into(), found });
+        }
+        let picture = fits.first().and_then(|&(layer, l)| Some((layer, self.picture(l)?)));
+        let (layer, (channels, coding)) = picture.ok_or_else(|| self.missing(wanted.into()))?;
+        Ok(Pick { view: None, layer, channels, coding })
+    }
+
+    fn full_name(&self, layer: &Layer) -> String {
+        match part_name(self.container, layer.part) {
+            Some(part) if part != layer.written => format!("{} in part {part}", layer.written),
+            _ => layer.written.clone(),
         }
     }
-    let mut pick = pick.ok_or_else(|| {
-        let found = describe(layers.iter());
-        ExrError::NoLayer { path: container.path.clone(), wanted: role.to_string(), found }
-    })?;
-    pick.channels.truncate(wanted);
-    Ok(pick)
 }

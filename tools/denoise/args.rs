@@ -1,5 +1,6 @@
 //! The command line.
 
+use crate::ranges::Frames;
 use clap::Parser;
 use std::path::PathBuf;
 use vkdenoise::exr_io::FeatureSource;
@@ -8,8 +9,12 @@ use vkdenoise::{Cache, DeviceSelector, Exposure, Fireflies, Precision, Quality, 
 /// Denoises OpenEXR renders with Vulkan.
 ///
 /// Finds colour, albedo, normal and depth by the names that renderers write and says which it used. The output is the
-/// input file with its colour replaced: alpha, other layers, windows and metadata stay. It is written beside and
-/// renamed, so -o may name the input itself.
+/// input file with its colour replaced: alpha, other layers, windows and metadata stay; pixels whose colour and alpha
+/// are 0 stay 0. Every view of a stereo file is denoised. The output is written beside and renamed, so -o may name the
+/// input itself.
+///
+/// Exit code: 0: all was written; 3: some images failed, the others are written; 1: all failed; 2: the command line is
+/// wrong; 130: interrupted.
 #[derive(Debug, Parser)]
 #[command(version, max_term_width = 100)]
 pub struct Args {
@@ -17,9 +22,18 @@ pub struct Args {
     #[arg(value_name = "IN.exr", required_unless_present = "list_devices")]
     pub inputs: Vec<PathBuf>,
 
-    /// File to write, or a directory that exists, where each output takes its input's name
+    /// File to write, or one with a place for the frame number (den.####.exr), or a directory that exists, where each
+    /// output takes its input's name; "-": standard output
     #[arg(short, long, value_name = "OUT", required_unless_present = "list_devices")]
     pub output: Option<PathBuf>,
+
+    /// Which frames of a sequence: 7, 1-100, 1-100x2 (every second), 1-10,20-30. One that is missing counts as failed
+    #[arg(long, value_name = "RANGE", value_parser = parsed::<Frames>)]
+    pub frames: Option<Frames>,
+
+    /// Leave out images whose output is there already
+    #[arg(long)]
+    pub skip_existing: bool,
 
     /// Separate albedo file (or frame pattern); "none": use no albedo
     #[arg(long, value_name = "F", value_parser = feature)]
@@ -33,12 +47,20 @@ pub struct Args {
     #[arg(long, value_name = "F", value_parser = feature)]
     pub depth: Option<FeatureSource>,
 
-    /// Colour layer by name: a layer (ViewLayer.Combined), a part or a view layer (ViewLayer)
+    /// Colour layer by name: a layer (ViewLayer.Combined), a part, a view layer (ViewLayer) or a view
     #[arg(long, value_name = "NAME")]
     pub layer: Option<String>,
 
-    /// Run time against error: fast, balanced or high. It chooses the network; fast is --skip-below 0.02 as well, and on a CPU
-    /// --precision fp16
+    /// Layer to write the result into, by the same names, in place of the one that it is made from
+    #[arg(long, value_name = "NAME")]
+    pub into: Option<String>,
+
+    /// View to denoise (left, right, a camera). Without it: all views of the file
+    #[arg(long, value_name = "NAME")]
+    pub view: Option<String>,
+
+    /// Run time against error: fast, balanced or high. It chooses the network; fast is --skip-below 0.02 as well, and
+    /// on a CPU --precision fp16
     #[arg(long, value_name = "Q", default_value = "balanced", value_parser = parsed::<Quality>)]
     pub quality: Quality,
 
@@ -46,21 +68,23 @@ pub struct Args {
     #[arg(long, value_name = "F", conflicts_with = "quality")]
     pub weights: Option<PathBuf>,
 
-    /// Vulkan device: "best", an index of --list-devices or part of a name [env: VKDENOISE_DEVICE]
+    /// Vulkan device: "best", an index of --list-devices, part of a name, or "all": every GPU takes the next image
+    /// [env: VKDENOISE_DEVICE]
     #[arg(long, value_name = "D", value_parser = parsed::<DeviceSelector>)]
     pub device: Option<DeviceSelector>,
 
-    /// Arithmetic and storage: auto, fp32, fp16 (feature maps stored as halves, for half of the memory) or matrix (halves in
-    /// cooperative matrices, where the device has them)
+    /// Arithmetic and storage: auto, fp32, fp16 (feature maps stored as halves, for half of the memory) or matrix
+    /// (halves in cooperative matrices, where the device has them)
     #[arg(long, value_name = "P", env = "VKDENOISE_PRECISION", default_value = "auto", value_parser = parsed::<Precision>)]
     pub precision: Precision,
 
-    /// Factor that brings the image to normal brightness, or "auto". Give one for a sequence, lest it flicker
-    #[arg(long, value_name = "F", default_value = "auto", value_parser = exposure)]
+    /// Factor that brings the image to normal brightness, or "auto". Give one for a sequence, lest it flicker, and for
+    /// both eyes of a stereo pair
+    #[arg(long, value_name = "F", default_value = "auto", allow_hyphen_values = true, value_parser = exposure)]
     pub exposure: Exposure,
 
     /// Share of the noisy input in the output, from 0 (all denoised) to 1
-    #[arg(long, value_name = "A", default_value_t = 0.0, value_parser = share)]
+    #[arg(long, value_name = "A", default_value_t = 0.0, allow_hyphen_values = true, value_parser = share)]
     pub blend: f32,
 
     /// Lone pixels much brighter than those around: "keep" their light, "mend" them (a path that found a lamp by chance), or "auto":
@@ -72,12 +96,13 @@ pub struct Args {
     #[arg(long, value_name = "MIB")]
     pub memory_budget: Option<u64>,
 
-    /// Where to keep compiled kernels for the next run: a folder, "user" (vkdenoise in the user's cache folder) or "off"
+    /// Where to keep compiled kernels for the next run: a folder, "user" (vkdenoise in the user's cache folder) or
+    /// "off"
     #[arg(long, value_name = "DIR", env = "VKDENOISE_CACHE", default_value = "user", value_parser = parsed::<Cache>)]
     pub cache: Cache,
 
-    /// Take the form of each convolution that is fastest on this device for images of about the size of the first: measured
-    /// once, which takes some passes, and remembered in --cache
+    /// Take the form of each convolution that is fastest on this device for images of about the size of the first:
+    /// measured once, which takes some passes, and remembered in --cache
     #[arg(long)]
     pub tune: bool,
 
@@ -86,13 +111,14 @@ pub struct Args {
     #[arg(long, value_name = "X,Y,W,H", allow_hyphen_values = true, value_parser = parsed::<Region>)]
     pub region: Option<Region>,
 
-    /// Leave out what has less relative noise than this: squares of 16x16 pixels that keep their colour, for part of the work.
-    /// 0.02 is hardly visible. The noise is estimated, or known from a layer of variance or sample counts. 0, the default but
-    /// with --quality fast: denoise all
+    /// Leave out what has less relative noise than this: squares of 16x16 pixels that keep their colour, for part of
+    /// the work. 0.02 is hardly visible. The noise is estimated, or known from a layer of variance or sample counts. 0,
+    /// the default but with --quality fast: denoise all
     #[arg(long, value_name = "NOISE", allow_hyphen_values = true, value_parser = noise)]
     pub skip_below: Option<f32>,
 
-    /// What is left out with them: "approximate" (as much as is hardly visible) or "exact" (what the rest does not depend on)
+    /// What is left out with them: "approximate" (as much as is hardly visible) or "exact" (what the rest does not
+    /// depend on)
     #[arg(long, value_name = "M", default_value = "approximate", value_parser = parsed::<QuietMode>)]
     pub skip_mode: QuietMode,
 
@@ -113,7 +139,7 @@ pub struct Args {
     #[arg(long, value_name = "PREVIEW.png")]
     pub png: Option<PathBuf>,
 
-    /// Print one JSON object for each image (or device) on standard output
+    /// Print one JSON object for each view of an image (or each device) on standard output; one that failed has "error"
     #[arg(long)]
     pub json: bool,
 

@@ -1,8 +1,29 @@
-//! `--list-devices`.
+//! Which devices there are, and which to use.
 
 use crate::Failure;
+use crate::args::Args;
+use crate::reporter::print_line;
 use serde::Serialize;
-use vkdenoise::Device;
+use vkdenoise::{Device, DeviceInfo, DeviceKind, DeviceSelector};
+
+/// The devices to share the images out among: one, or with "all" every GPU that can be used, and where there is none
+/// the CPU drivers.
+pub fn wanted(args: &Args) -> Result<Vec<DeviceSelector>, Failure> {
+    let selector = args.device.clone().or_else(DeviceSelector::from_env).unwrap_or_default();
+    if !matches!(&selector, DeviceSelector::Name(name) if name.eq_ignore_ascii_case("all")) {
+        return Ok(vec![selector]);
+    }
+    let mut usable: Vec<DeviceInfo> = Device::list().map_err(Failure::failed)?;
+    usable.retain(|device| device.missing.is_empty());
+    if usable.iter().any(|device| device.kind != DeviceKind::Cpu) {
+        usable.retain(|device| device.kind != DeviceKind::Cpu);
+    }
+    // Without any, opening the best says what each lacks.
+    match usable.is_empty() {
+        true => Ok(vec![DeviceSelector::Best]),
+        false => Ok(usable.into_iter().map(|device| DeviceSelector::Index(device.index)).collect()),
+    }
+}
 
 #[derive(Serialize)]
 struct Row {
@@ -35,7 +56,7 @@ pub fn list(json: bool) -> Result<(), Failure> {
             usable: device.missing.is_empty(),
             missing: device.missing,
         };
-        crate::report::print_line(&if json { json_line(&row)? } else { text_line(&row) })?;
+        print_line(&if json { json_line(&row)? } else { text_line(&row) })?;
     }
     Ok(())
 }

@@ -2,8 +2,9 @@
 
 use crate::Failure;
 use crate::args::Args;
-use crate::frames::{FrameFile, companion, expand};
+use crate::frames::{FrameFile, companion, expand, is_pattern};
 use std::collections::HashMap;
+use std::fmt;
 use std::path::{Path, PathBuf};
 use vkdenoise::exr_io::{FeatureSource, LayerOptions};
 
@@ -11,21 +12,60 @@ use vkdenoise::exr_io::{FeatureSource, LayerOptions};
 #[derive(Debug)]
 pub struct Job {
     pub input: PathBuf,
-    pub output: PathBuf,
+    pub output: Output,
     pub layers: LayerOptions,
     pub reference: Option<PathBuf>,
     pub png: Option<PathBuf>,
 }
 
+/// Where an image goes.
+#[derive(Debug)]
+pub enum Output {
+    File(PathBuf),
+    /// Standard output.
+    Standard,
+}
+
+impl Output {
+    /// The file, if it is one.
+    pub fn file(&self) -> Option<&Path> {
+        match self {
+            Self::File(path) => Some(path),
+            Self::Standard => None,
+        }
+    }
+}
+
+impl fmt::Display for Output {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        match self {
+            Self::File(path) => path.display().fmt(f),
+            Self::Standard => f.write_str("-"),
+        }
+    }
+}
+
+/// All images, and what there is to say of them beforehand.
+pub struct Plan {
+    pub jobs: Vec<Job>,
+    pub notes: Vec<String>,
+}
+
 /// Expands the patterns, names the outputs and makes sure that none would overwrite a file that is needed.
-pub fn plan(args: &Args) -> Result<Vec<Job>, Failure> {
-    let mut inputs = Vec::new();
+pub fn plan(args: &Args) -> Result<Plan, Failure> {
+    let (mut inputs, mut notes) = (Vec::new(), Vec::new());
     for argument in &args.inputs {
-        inputs.extend(expand(argument).map_err(Failure::Failed)?);
+        let expanded = expand(argument, args.frames.as_ref()).map_err(Failure::Failed)?;
+        inputs.extend(expanded.files);
+        notes.extend(expanded.gaps);
+    }
+    if inputs.is_empty() {
+        return Err(Failure::Failed("--frames: no input has one of these frames".into()));
     }
     let output = args.output.as_deref().unwrap_or(Path::new(""));
     let several = inputs.len() > 1;
     let outputs = Target::new("-o", output, several)?;
+    check_output(args, &outputs)?;
     let previews = args.png.as_deref().map(|png| Target::new("--png", png, several)).transpose()?;
     let with = |source: &Option<FeatureSource>, input: &FrameFile| match source {
         Some(FeatureSource::File(file)) => companion(file, input).map(FeatureSource::File),
@@ -38,9 +78,14 @@ pub fn plan(args: &Args) -> Result<Vec<Job>, Failure> {
     };
     let job = |input: FrameFile| -> Result<Job, String> {
         Ok(Job {
-            output: outputs.path(&input.path, "exr")?,
+            output: match outputs {
+                Target::Standard => Output::Standard,
+                _ => Output::File(outputs.path(&input, "exr")?),
+            },
             layers: LayerOptions {
                 layer: args.layer.clone(),
+                into: args.into.clone(),
+                view: args.view.clone(),
                 albedo: with(&args.albedo, &input)?,
                 normal: with(&args.normal, &input)?,
                 depth: with(&args.depth, &input)?,
@@ -48,29 +93,69 @@ pub fn plan(args: &Args) -> Result<Vec<Job>, Failure> {
                 samples: noise(&args.samples, &input)?,
             },
             reference: args.reference.as_deref().map(|file| companion(file, &input)).transpose()?,
-            png: previews.as_ref().map(|target| target.path(&input.path, "png")).transpose()?,
+            png: previews.as_ref().map(|target| target.path(&input, "png")).transpose()?,
             input: input.path,
         })
     };
     let jobs: Vec<Job> = inputs.into_iter().map(job).collect::<Result<_, _>>().map_err(Failure::Failed)?;
     check_overwrites(&jobs, matches!(outputs, Target::File(_)))?;
-    Ok(jobs)
+    let own = |job: &&Job| job.output.file().is_some_and(|output| identity(output) == identity(&job.input));
+    if let Some(job) = jobs.iter().find(own).filter(|_| args.skip_existing) {
+        return Err(Failure::Usage(format!("--skip-existing: {} is its own output, and there", job.input.display())));
+    }
+    Ok(Plan { jobs, notes })
+}
+
+/// Refuses outputs that are no OpenEXR files, and more than one thing on standard output.
+fn check_output(args: &Args, target: &Target) -> Result<(), Failure> {
+    const OTHERS: &[&str] = &[
+        "png", "jpg", "jpeg", "jpe", "tif", "tiff", "tga", "bmp", "gif", "webp", "hdr", "pic", "pfm", "dpx", "cin",
+        "psd", "jxl", "avif", "heic", "svg", "mp4", "mov",
+    ];
+    match target {
+        Target::File(path) | Target::Pattern(path) => {
+            let extension = path.extension().and_then(|e| e.to_str()).unwrap_or_default().to_lowercase();
+            if OTHERS.contains(&extension.as_str()) {
+                let shown = path.display();
+                return Err(Failure::Usage(format!(
+                    "-o {shown}: what is written is OpenEXR; for a picture as a screen shows it give --png FILE as well"
+                )));
+            }
+            Ok(())
+        }
+        Target::Standard if args.json || args.reference.is_some() => Err(Failure::Usage(
+            "-o -: the image has standard output to itself: leave out --json and --reference".into(),
+        )),
+        Target::Standard if args.skip_existing => Err(Failure::Usage("-o -: there is nothing to skip".into())),
+        Target::Standard | Target::Directory(_) => Ok(()),
+    }
 }
 
 /// Where outputs go.
 enum Target<'a> {
     File(&'a Path),
+    /// A file name with a place for the frame number.
+    Pattern(&'a Path),
     Directory(&'a Path),
+    Standard,
 }
 
 impl<'a> Target<'a> {
     fn new(option: &str, path: &'a Path, several: bool) -> Result<Self, Failure> {
+        if option == "-o" && path.as_os_str() == "-" {
+            if several {
+                return Err(Failure::Usage("-o -: standard output takes one image".into()));
+            }
+            return Ok(Self::Standard);
+        }
         if path.is_dir() {
             return Ok(Self::Directory(path));
         }
         let shown = path.display();
-        if several {
-            return Err(Failure::Usage(format!("{option} {shown}: for several inputs give a directory that exists")));
+        let pattern = is_pattern(path);
+        if several && !pattern {
+            let hint = "for several inputs give a directory that exists, or a name with #### for the frame";
+            return Err(Failure::Usage(format!("{option} {shown}: {hint}")));
         }
         if path.file_name().is_none() || path.to_string_lossy().ends_with(std::path::is_separator) {
             return Err(Failure::Failed(format!("{option} {shown}: there is no such directory")));
@@ -79,17 +164,21 @@ impl<'a> Target<'a> {
             Some(parent) if !parent.as_os_str().is_empty() && !parent.is_dir() => {
                 Err(Failure::Failed(format!("{option} {shown}: there is no directory {}", parent.display())))
             }
+            _ if pattern => Ok(Self::Pattern(path)),
             _ => Ok(Self::File(path)),
         }
     }
 
-    fn path(&self, input: &Path, extension: &str) -> Result<PathBuf, String> {
+    fn path(&self, input: &FrameFile, extension: &str) -> Result<PathBuf, String> {
         match self {
             Self::File(path) => Ok(path.to_path_buf()),
+            Self::Pattern(path) => companion(path, input),
             Self::Directory(directory) => {
-                let name = input.file_name().ok_or_else(|| format!("{} names no file", input.display()))?;
+                let path = &input.path;
+                let name = path.file_name().ok_or_else(|| format!("{} names no file", path.display()))?;
                 Ok(directory.join(name).with_extension(extension))
             }
+            Self::Standard => Ok(PathBuf::new()),
         }
     }
 }
@@ -110,7 +199,7 @@ fn check_overwrites(jobs: &[Job], named: bool) -> Result<(), Failure> {
     }
     let mut written: HashMap<PathBuf, &Path> = HashMap::new();
     for job in jobs {
-        for output in [Some(&job.output), job.png.as_ref()].into_iter().flatten() {
+        for output in job.output.file().into_iter().chain(job.png.as_deref()) {
             let (id, shown) = (identity(output), output.display());
             if let Some(file) = read.get(&id) {
                 let hint = "name another output, or with -o the one file to denoise in place";

@@ -1,9 +1,7 @@
 //! What is said about each image, in words and in JSON.
 
-use crate::Failure;
 use crate::jobs::Job;
 use serde::Serialize;
-use std::io::Write;
 use vkdenoise::exr_io::{Selection, UsedLayer};
 use vkdenoise::metrics::Comparison;
 use vkdenoise::{ActiveTiles, Error, Extent, Part, Region, Report};
@@ -32,7 +30,7 @@ pub struct Outcome<'a> {
     pub device: &'a str,
     pub driver: &'a str,
     /// The network's name.
-    pub network: String,
+    pub network: &'a str,
     pub precision: String,
     pub report: &'a Report,
     /// What was denoised, where quiet squares are left out.
@@ -45,6 +43,9 @@ pub struct Outcome<'a> {
 #[derive(Serialize)]
 struct Layers {
     color: String,
+    /// Where the result went, if not into the colour.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    into: Option<String>,
     albedo: Option<String>,
     normal: Option<String>,
     depth: Option<String>,
@@ -66,6 +67,9 @@ struct PartRecord {
 struct Record<'a> {
     input: String,
     output: String,
+    /// The view, in files that have views.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    view: Option<&'a str>,
     width: u32,
     height: u32,
     /// Left column, top row, width, height; null without `--region`.
@@ -100,13 +104,33 @@ struct FigureRecord {
     relmse: f64,
 }
 
+/// What `--json` has of an image that was not denoised.
+#[derive(Serialize)]
+struct LeftRecord<'a> {
+    input: String,
+    output: String,
+    /// Why it failed.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    error: Option<&'a str>,
+    /// Whether it was there already.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    skipped: bool,
+}
+
+/// One JSON object in one line for an image that was not denoised: as it failed, or as its output was there.
+pub fn left_json(job: &Job, error: Option<&str>) -> Result<String, serde_json::Error> {
+    let (input, output) = (job.input.display().to_string(), job.output.to_string());
+    serde_json::to_string(&LeftRecord { input, output, error, skipped: error.is_none() })
+}
+
 impl Outcome<'_> {
     /// One JSON object in one line.
     pub fn json(&self) -> Result<String, serde_json::Error> {
         let name = |layer: &Option<UsedLayer>| layer.as_ref().map(UsedLayer::to_string);
         serde_json::to_string(&Record {
             input: self.job.input.display().to_string(),
-            output: self.job.output.display().to_string(),
+            output: self.job.output.to_string(),
+            view: self.selection.view.as_deref(),
             width: self.extent.width,
             height: self.extent.height,
             region: self.region.map(|Region { x, y, width, height }| [x, y, width, height]),
@@ -123,7 +147,7 @@ impl Outcome<'_> {
             }),
             device: self.device,
             driver: self.driver,
-            network: &self.network,
+            network: self.network,
             precision: &self.precision,
             exposure: self.report.exposure,
             gpu_ms: self.report.gpu_ms,
@@ -131,6 +155,7 @@ impl Outcome<'_> {
             device_bytes: self.report.device_bytes,
             layers: Layers {
                 color: self.selection.color.to_string(),
+                into: name(&self.selection.into),
                 albedo: name(&self.selection.albedo),
                 normal: name(&self.selection.normal),
                 depth: name(&self.selection.depth),
@@ -153,8 +178,9 @@ impl Outcome<'_> {
         let [noisy, denoised] = self.figures.as_ref()?;
         let ssim = |figures: &Figures| figures.ssim.map_or("-".into(), |ssim| format!("{ssim:.4}"));
         Some(format!(
-            "{}: PSNR {:.2} -> {:.2} dB, SSIM {} -> {}, relMSE {:.5} -> {:.5}",
+            "{}{}: PSNR {:.2} -> {:.2} dB, SSIM {} -> {}, relMSE {:.5} -> {:.5}",
             self.job.input.display(),
+            view_text(self.selection),
             noisy.psnr,
             denoised.psnr,
             ssim(noisy),
@@ -176,8 +202,9 @@ impl Outcome<'_> {
             format!(", {denoised:.1} % of it denoised for {:.1} % of the work", 100.0 * report.work)
         });
         format!(
-            "{}: {part}{width} x {height}{quiet}, exposure {:.4}, {} {} in {:.1} ms{gpu} ({})",
-            self.job.output.display(),
+            "{}{}: {part}{width} x {height}{quiet}, exposure {:.4}, {} {} in {:.1} ms{gpu} ({})",
+            self.job.output,
+            view_text(self.selection),
             report.exposure,
             self.network,
             self.precision,
@@ -187,10 +214,15 @@ impl Outcome<'_> {
     }
 }
 
+/// Which view of an image is spoken of.
+fn view_text(selection: &Selection) -> String {
+    selection.view.as_ref().map_or(String::new(), |view| format!(", view {view}"))
+}
+
 /// Which layers an image was read from, one line, and a line for each note.
 pub fn selection_text(job: &Job, selection: &Selection) -> String {
     let input = job.input.display();
-    let mut text = format!("{input}: colour {}", selection.color);
+    let mut text = format!("{input}{}: colour {}", view_text(selection), selection.color);
     for (role, layer) in [("albedo", &selection.albedo), ("normal", &selection.normal), ("depth", &selection.depth)] {
         match layer {
             Some(layer) => text.push_str(&format!(", {role} {layer}")),
@@ -202,11 +234,4 @@ pub fn selection_text(job: &Job, selection: &Selection) -> String {
     }
     selection.notes.iter().for_each(|note| text.push_str(&format!("\n{input}: {note}")));
     text
-}
-
-/// Prints a line on standard output, which may have been closed.
-pub fn print_line(line: &str) -> Result<(), Failure> {
-    let mut out = std::io::stdout().lock();
-    let written = writeln!(out, "{line}").and_then(|()| out.flush());
-    written.map_err(|error| Failure::Failed(format!("cannot write to standard output: {error}")))
 }

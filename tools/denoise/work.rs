@@ -1,207 +1,138 @@
-//! Denoises the images one after another, all with one denoiser.
+//! All images, shared out among the devices.
 
 use crate::args::Args;
-use crate::jobs::Job;
-use crate::report::{Figures, Outcome, print_line, selection_text};
-use crate::{Failure, interrupt, preview};
-use indicatif::{ProgressBar, ProgressStyle};
-use std::time::Duration;
-use vkdenoise::exr_io::{ExrError, ExrFrame, LayerOptions};
-use vkdenoise::{
-    Denoiser, Device, DeviceOptions, DeviceSelector, Error, Extent, Layout, Options, PlaneMut, Precision, Weights,
-};
+use crate::jobs::{Job, Plan};
+use crate::reporter::Reporter;
+use crate::session::{Session, Trouble};
+use crate::{Failure, devices};
+use std::sync::atomic::{AtomicUsize, Ordering};
+use std::sync::{Mutex, PoisonError};
+use vkdenoise::Weights;
+use vkdenoise::exr_io::WriteCheck;
 
 /// Does all jobs. One that fails does not keep the others from being done.
-pub fn run(args: &Args, jobs: &[Job]) -> Result<(), Failure> {
+pub fn run(args: &Args, plan: &Plan) -> Result<(), Failure> {
     let weights = match &args.weights {
         Some(file) => {
             Weights::from_file(file).map_err(|error| Failure::Failed(format!("{}: {error}", file.display())))?
         }
         None => args.quality.weights().map_err(Failure::failed)?,
     };
-    let mut session = Session { args, weights, engine: None, bar: bar(args, jobs.len()) };
-    let mut failed = 0;
-    for job in jobs {
-        match session.denoise(job) {
-            Ok(()) => {}
-            Err(Trouble::Image(message)) if jobs.len() == 1 => return Err(Failure::Failed(message)),
-            Err(Trouble::Image(message)) => {
-                failed += 1;
-                session.bar.suspend(|| eprintln!("vkdenoise: {message}"));
-            }
-            Err(Trouble::Everything(failure)) => return Err(failure),
-        }
-        session.bar.inc(1);
-    }
-    session.bar.finish_and_clear();
-    if failed == 0 {
-        return Ok(());
-    }
-    Err(Failure::Failed(format!("{failed} of {} images failed", jobs.len())))
+    let reporter = Reporter::new(args, plan.jobs.len());
+    plan.notes.iter().for_each(|note| reporter.say(|| note.clone()));
+    let result = Run { args, weights: &weights, reporter: &reporter, jobs: &plan.jobs, failed: Mutex::default() }.all();
+    reporter.finish();
+    result
 }
 
-/// Shown on a terminal only.
-fn bar(args: &Args, jobs: usize) -> ProgressBar {
-    if args.quiet {
-        return ProgressBar::hidden();
-    }
-    let bar = ProgressBar::new(jobs as u64);
-    if let Ok(style) = ProgressStyle::with_template("{spinner} {elapsed_precise} {wide_bar} {pos}/{len} {msg}") {
-        bar.set_style(style);
-    }
-    bar.enable_steady_tick(Duration::from_millis(200));
-    bar
-}
-
-enum Trouble {
-    /// This image cannot be done.
-    Image(String),
-    /// No image can be done.
-    Everything(Failure),
-}
-
-impl From<ExrError> for Trouble {
-    /// These errors name their file.
-    fn from(error: ExrError) -> Self {
-        Self::Image(error.to_string())
-    }
-}
-
-struct Session<'a> {
+struct Run<'a> {
     args: &'a Args,
-    weights: Weights,
-    engine: Option<Engine>,
-    bar: ProgressBar,
+    weights: &'a Weights,
+    reporter: &'a Reporter,
+    jobs: &'a [Job],
+    failed: Mutex<Failed>,
 }
 
-struct Engine {
-    device: Device,
-    denoiser: Denoiser,
+/// What failed so far.
+#[derive(Default)]
+struct Failed {
+    /// Images that could not be done.
+    images: usize,
+    /// Of these, those that do not have what the command line asks for.
+    usage: usize,
+    /// The message of an only image.
+    message: String,
+    /// Why no image can be done.
+    everything: Option<Failure>,
 }
 
-impl Engine {
-    /// For images of about `extent`.
-    fn open(args: &Args, weights: &Weights, extent: Extent) -> Result<Self, Error> {
-        let selector = args.device.clone().or_else(DeviceSelector::from_env).unwrap_or_default();
-        let cache = args.cache.clone();
-        let device = Device::open_with(&DeviceOptions { selector, cache, ..DeviceOptions::default() })?;
-        let Args { precision, exposure, blend, fireflies, memory_budget, .. } = args;
-        let options = Options {
-            precision: if *precision == Precision::Auto { args.quality.precision(&device) } else { *precision },
-            exposure: *exposure,
-            blend: *blend,
-            fireflies: *fireflies,
-            memory_budget: memory_budget.map(|mib| mib << 20),
-            quiet: args.quiet(),
-            ..Options::default()
-        };
-        let mut denoiser = match args.tune {
-            true => Denoiser::tuned(&device, weights, &options, extent)?,
-            false => Denoiser::new(&device, weights, &options)?,
-        };
-        denoiser.set_region(args.region);
-        Ok(Self { device, denoiser })
+impl Run<'_> {
+    fn all(&self) -> Result<(), Failure> {
+        let ready = self.ready()?;
+        // The first image is begun on the first device, so that a fault in the command line opens no other.
+        let selectors =
+            if ready.len() > 1 { devices::wanted(self.args)? } else { devices::wanted(self.args)?[..1].to_vec() };
+        let next = AtomicUsize::new(0);
+        let take = || ready.get(next.fetch_add(1, Ordering::Relaxed)).copied().filter(|_| self.goes_on());
+        std::thread::scope(|scope| {
+            for selector in selectors {
+                let mut session = Session::new(self.args, self.weights, selector, self.reporter);
+                scope.spawn(move || {
+                    while let Some(job) = take() {
+                        self.reporter.begin(job);
+                        self.note(job, session.denoise(job));
+                        self.reporter.end();
+                    }
+                });
+            }
+        });
+        self.sum_up()
     }
-}
 
-impl Session<'_> {
-    fn denoise(&mut self, job: &Job) -> Result<(), Trouble> {
-        self.bar.set_message(job.input.display().to_string());
-        let image = ExrFrame::read(&job.input, &job.layers)?;
-        let region = self.args.region;
-        region.map_or(Ok(()), |region| image.check_region(region))?;
-        let reference = job.reference.as_ref().map(|_| read_reference(job, &image)).transpose()?;
-        self.say(|| selection_text(job, image.selection()));
-
-        let extent = image.extent();
-        // Opened for the first image: by now the arguments and that image have proved good.
-        let engine = match &mut self.engine {
-            Some(engine) => engine,
-            none => none.insert(
-                Engine::open(self.args, &self.weights, extent).map_err(|e| Trouble::Everything(Failure::failed(e)))?,
-            ),
-        };
-        let mut color = vec![0.0; image.color().len()];
-        let target = PlaneMut::f32(&mut color, Layout::interleaved(extent, 3));
-        let of_image = |error: Error| Trouble::Image(format!("{}: {error}", job.input.display()));
-        let report = engine.denoiser.denoise(&image.frame(), target).map_err(|error| match error {
-            Error::DeviceLost => Trouble::Everything(Failure::Failed(format!("{}: {error}", job.input.display()))),
-            error => of_image(error),
-        })?;
-
-        {
-            let _whole = interrupt::hold_off();
-            match region {
-                Some(region) => image.write_region(&job.output, &color, region)?,
-                None => image.write_with_color(&job.output, &color)?,
+    /// The images that are to be denoised: their output is not there yet, or need not be, and can be written.
+    fn ready(&self) -> Result<Vec<&Job>, Failure> {
+        let mut ready = Vec::with_capacity(self.jobs.len());
+        let mut check = WriteCheck::default();
+        for job in self.jobs {
+            let there =
+                |path: &std::path::Path| std::fs::metadata(path).is_ok_and(|file| file.is_file() && file.len() > 0);
+            if self.args.skip_existing && job.output.file().is_some_and(there) {
+                self.reporter.skipped(job)?;
+                self.reporter.end();
+                continue;
+            }
+            let mut files = job.output.file().into_iter().chain(job.png.as_deref());
+            match files.try_for_each(|file| check.check(file)) {
+                Ok(()) => ready.push(job),
+                Err(error) => {
+                    self.note(job, Err(error.into()));
+                    self.reporter.end();
+                }
             }
         }
-        let active = engine.denoiser.active_tiles().cloned();
-        let size = region.map_or(extent, |region| Extent::new(region.width, region.height));
-        let cut = |image| preview::cut(extent, region, image);
-        let (noisy, denoised) = (cut(image.color()), cut(&color));
-        let reference = reference.as_ref().map(|reference| cut(reference.color()));
-        if let Some(png) = &job.png {
-            let dimmed = active.as_ref().map(|active| preview::dim(extent, active, &color));
-            let dimmed = dimmed.as_deref().map(|dimmed| preview::cut(extent, region, dimmed));
-            let mut images = vec![&*noisy, &*denoised];
-            images.extend(reference.as_deref());
-            images.extend(dimmed.as_deref());
-            let _whole = interrupt::hold_off();
-            preview::write(png, size, report.exposure, &images)?;
-        }
-        let figures = match &reference {
-            Some(reference) => {
-                let figures = |image| Figures::new(size, image, reference).map_err(of_image);
-                Some([figures(&noisy)?, figures(&denoised)?])
+        Ok(ready)
+    }
+
+    fn goes_on(&self) -> bool {
+        self.failed.lock().unwrap_or_else(PoisonError::into_inner).everything.is_none()
+    }
+
+    fn note(&self, job: &Job, result: Result<(), Trouble>) {
+        let (message, usage) = match result {
+            Ok(()) => return,
+            Err(Trouble::Image(message)) => (message, false),
+            Err(Trouble::Usage(message)) => (message, true),
+            Err(Trouble::Everything(failure)) => {
+                self.failed.lock().unwrap_or_else(PoisonError::into_inner).everything.get_or_insert(failure);
+                return;
             }
-            None => None,
         };
-        let (info, precision) = (engine.device.info().clone(), engine.denoiser.precision().to_string());
-        self.tell(&Outcome {
-            job,
-            extent,
-            region,
-            device: &info.name,
-            driver: &info.driver,
-            network: self.weights.arch().name.clone(),
-            precision,
-            report: &report,
-            active: active.as_ref(),
-            selection: image.selection(),
-            figures,
-        })
-        .map_err(Trouble::Everything)
-    }
-
-    fn say(&self, text: impl FnOnce() -> String) {
-        if !self.args.quiet {
-            self.bar.suspend(|| eprintln!("{}", text()));
+        // What is to be said of an only image is said at the end.
+        let told = self.reporter.failed(job, &message, self.jobs.len() > 1);
+        let mut failed = self.failed.lock().unwrap_or_else(PoisonError::into_inner);
+        failed.images += 1;
+        failed.usage += usize::from(usage);
+        failed.message = message;
+        if let Err(failure) = told {
+            failed.everything.get_or_insert(failure);
         }
     }
 
-    fn tell(&self, outcome: &Outcome) -> Result<(), Failure> {
-        self.say(|| outcome.summary());
-        let line = if self.args.json { Some(outcome.json().map_err(Failure::failed)?) } else { outcome.figures_text() };
-        line.map_or(Ok(()), |line| self.bar.suspend(|| print_line(&line)))
-    }
-}
-
-/// Reads the reference's colour: the layer of the same name if it has one, else by the usual names.
-fn read_reference(job: &Job, image: &ExrFrame) -> Result<ExrFrame, Trouble> {
-    let path = job.reference.as_deref().unwrap_or(&job.input);
-    let named = ExrFrame::read(path, &LayerOptions::color_only(job.layers.layer.clone()));
-    let reference = match named {
-        Err(ExrError::NoLayer { .. }) if job.layers.layer.is_some() => {
-            ExrFrame::read(path, &LayerOptions::color_only(None))
+    fn sum_up(&self) -> Result<(), Failure> {
+        let mut failed = self.failed.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(failure) = failed.everything.take() {
+            return Err(failure);
         }
-        other => other,
-    }?;
-    let (wanted, found) = (image.extent(), reference.extent());
-    if found != wanted {
-        let sizes =
-            format!("{} x {} pixels, the image {} x {}", found.width, found.height, wanted.width, wanted.height);
-        return Err(Trouble::Image(format!("reference {} has {sizes}", path.display())));
+        let Failed { images, usage, .. } = *failed;
+        let message = match self.jobs.len() {
+            1 => std::mem::take(&mut failed.message),
+            all => format!("{images} of {all} images failed"),
+        };
+        match images {
+            0 => Ok(()),
+            _ if usage == self.jobs.len() => Err(Failure::Usage(message)),
+            _ if images == self.jobs.len() => Err(Failure::Failed(message)),
+            _ => Err(Failure::Some(message)),
+        }
     }
-    Ok(reference)
 }
