@@ -56,6 +56,7 @@ class Fit:
         self.batches = Batches(store, options.batch, options.changes)
         self.keep = torch.zeros((), device=self.device)
         self.sums = torch.zeros(4, device=self.device)  # loss, error, gradient norm, steps
+        self.means = [0.0, 0.0, 0.0]
         self.graph, self.steps = None, 0
 
     def network_of(self, model, flat, exact):
@@ -138,7 +139,9 @@ class Fit:
         """What happened since the last call; waits for the device."""
         *sums, count = self.sums.tolist()
         self.sums.zero_()
-        loss, error, norm = (s / max(count, 1) for s in sums)
+        if count:
+            self.means = [total / count for total in sums]
+        loss, error, norm = self.means
         return {
             "step": self.steps,
             "seconds": round(seconds, 1),
