@@ -36,9 +36,9 @@ class Changes:
     exposure_crop: float = 1.0
     depth: float = 0.2
     depth_crop: float = 0.7
-    hard: float = 0.15  # chance of extreme noise: few bright samples among black ones
+    hard: float = 0.12  # chance of extreme noise: few bright samples among black ones
     hard_exposure: float = 1.5  # jitter there: the key of such a frame is a matter of luck
-    grain: float = 0.15  # chance of noisy features
+    grain: float = 0.12  # chance of noisy features
     real: float = 0.35  # share of rendered crops of real scenes where there are procedural ones
 
 
