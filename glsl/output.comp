@@ -65,6 +65,7 @@ layout(push_constant) uniform Push {
 #include "shared/read_color.glsl"
 
 const uint FLAG_QUIET = 16u;
+const uint FLAG_RADIANCE = 32u;    // the network's result is exposed radiance
 const float BLEND_PIXELS = 8.0;
 
 // The share of the caller's colour in a pixel: none where it is to be denoised, all where it is far from that.
@@ -90,9 +91,13 @@ float quiet_share(uvec2 at) {
 // Where expm1 ends: the largest float's logarithm.
 const float MAX_LOG = 88.0;
 
-float linear_color(float log_value, float inverse_exposure) {
+float unexposed(float radiance, float inverse_exposure) {
     // A frame's exposure may be tiny: the product may exceed a float.
-    return min(max(expm1(min(log_value, MAX_LOG)), 0.0) * inverse_exposure, TARGET_MAX);
+    return min(max(radiance, 0.0) * inverse_exposure, TARGET_MAX);
+}
+
+float linear_color(float log_value, float inverse_exposure) {
+    return unexposed(expm1(min(log_value, MAX_LOG)), inverse_exposure);
 }
 
 void main() {
@@ -107,10 +112,11 @@ void main() {
     if (quiet < 1.0) {
         uint pixel = at.y * src_width + at.x;
         vec3 noisy = LOAD(log_color, pixel).xyz;
-        vec3 clean = noisy + LOAD(residual, pixel * residual_stride).xyz;
+        vec3 result = LOAD(residual, pixel * residual_stride).xyz;
+        bool is_radiance = (flags & FLAG_RADIANCE) != 0u;
         float inverse = 1.0 / stats.exposure;
         for (int i = 0; i < 3; ++i) {
-            color[i] = linear_color(clean[i], inverse);
+            color[i] = is_radiance ? unexposed(result[i], inverse) : linear_color(noisy[i] + result[i], inverse);
             if (blend > 0.0) color[i] = mix(color[i], linear_color(noisy[i], inverse), blend);
         }
     }

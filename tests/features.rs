@@ -9,7 +9,7 @@ use common::random::Random;
 use common::vulkan::{Renderer, RendererBuffer};
 use vkdenoise::kernels::winograd::WinogradTile;
 use vkdenoise::net::graph::Graph;
-use vkdenoise::net::{Arch, Block, Bottleneck, Convolution, Decoder, StageSpec, Weights};
+use vkdenoise::net::{Arch, Block, Bottleneck, Convolution, Decoder, Head, StageSpec, Weights};
 use vkdenoise::plan::{ConvAlgorithm, Dispatch, Place, Plan, PlanOptions, SeparableForm, plan};
 use vkdenoise::{
     BufferFrame, BufferPlane, Denoiser, Device, Error, Extent, Features, Frame, FrameOptions, Layout, Options, Plane,
@@ -287,6 +287,7 @@ fn other_networks_without_features() {
             decoder,
             stages: vec![stage(film(Convolution::Separable)), stage(Block::Jsa)],
             bottleneck: Bottleneck { blocks: 1, heads: 1, block: Block::ShJsa { ratio: 0.5 } },
+            head: Head::Residual,
         };
         let weights = Weights::hashed(&arch, PREPROCESSING, 5).unwrap();
         let forms =

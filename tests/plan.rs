@@ -6,7 +6,7 @@
 use vkdenoise::kernels::contract::BindingType;
 use vkdenoise::kernels::winograd::WinogradTile;
 use vkdenoise::kernels::{BufferId, Call, Storage, Tiles, Variants};
-use vkdenoise::net::{Arch, Folds, Graph};
+use vkdenoise::net::{Arch, Folds, Graph, Head};
 use vkdenoise::plan::{
     ConvAlgorithm, ConvShape, Dispatch, Place, Plan, PlanOptions, SeparableForm, max_chain_bytes, plan,
 };
@@ -49,10 +49,19 @@ fn plans_in(extent: Extent, max_block_bytes: u64) -> Vec<(String, Plan)> {
         max_block_bytes,
         ..PlanOptions::default()
     });
-    let banded = PlanOptions { max_chain_bytes: 1 << 17, max_block_bytes, ..PlanOptions::default() };
     let halves = PlanOptions { storage: Storage::F16, max_block_bytes, ..PlanOptions::default() };
+    let banded = PlanOptions { max_chain_bytes: 1 << 17, max_block_bytes, ..PlanOptions::default() };
+    let headed = [Head::pure(), Head::gated()].map(|head| Graph::new(&Arch { head, ..Arch::hybrid() }).unwrap());
+    let headed = headed.iter().flat_map(|graph| [halves, banded].map(|options| (graph, options)));
+    let headed: Vec<_> = headed
+        .map(|(graph, options)| {
+            let name = format!("{:?}, {options:?}", graph.arch.head);
+            (name, plan(graph, extent, &options).unwrap())
+        })
+        .collect();
     let forms = forms.into_iter().chain([halves, banded, PlanOptions { separable: SeparableForm::Fused, ..banded }]);
-    named.chain(forms.map(|options| (format!("{options:?}"), plan(&graph, extent, &options).unwrap()))).collect()
+    let forms = forms.map(|options| (format!("{options:?}"), plan(&graph, extent, &options).unwrap()));
+    named.chain(forms).chain(headed).collect()
 }
 
 /// What may run of a plan.

@@ -8,7 +8,7 @@ use common::random::Random;
 use vkdenoise::kernels::winograd::WinogradTile;
 use vkdenoise::kernels::{Call, Tiles};
 use vkdenoise::net::graph::{Graph, Stage};
-use vkdenoise::net::{Arch, Block, Bottleneck, Decoder, Folds, StageSpec};
+use vkdenoise::net::{Arch, Block, Bottleneck, Decoder, Folds, Head, StageSpec};
 use vkdenoise::plan::{ConvAlgorithm, Plan, PlanOptions, SeparableForm, plan};
 use vkdenoise::{
     Denoiser, Error, Extent, Features, Frame, Layout, Options, Plane, PlaneMut, Precision, Region, Weights,
@@ -178,6 +178,7 @@ fn rectangles_without_film_have_the_bits_of_the_whole() {
         decoder: Decoder::Symmetric,
         stages: vec![attention],
         bottleneck: Bottleneck { blocks: 1, heads: 1, block: Block::Jsa },
+        head: Head::Residual,
     };
     let weights = Weights::hashed(&arch, PREPROCESSING, 5).unwrap();
     check_rectangles(

@@ -329,6 +329,7 @@ fn the_way_out() {
         };
         rig.run(&[Call::Output(Output {
             residual,
+            radiance: i % 3 == 1,
             log_color,
             stats: STATS,
             width,

@@ -58,6 +58,7 @@ fn run(command: Command) -> Result<(), Failure> {
     match command {
         Command::Network {
             arch,
+            head,
             size,
             folds,
             conv,
@@ -74,7 +75,7 @@ fn run(command: Command) -> Result<(), Failure> {
             let options = Options { precision, folds: Some(folds), conv, separable, ..Options::default() };
             let quiet = quiet.map(|share| (share, quiet_mode));
             let subject = network::Subject { extent: size, options, region, quiet, features };
-            network::network(&Session::open(&common)?, &arch, &subject, &output)
+            network::network(&Session::open(&common)?, (&arch, head), &subject, &output)
         }
         Command::Conv { size, channels, common, output } => {
             conv::conv(&Session::open(&common)?, size, channels, &output)

@@ -8,6 +8,7 @@ use super::dense::{Conv3x3, Linear};
 use super::expand::Expand;
 use super::film::{FilmVector, TokenSum};
 use super::maps::{Depthwise3x3, LayerNorm};
+use super::predicted::{ApplyKernels, Halve, MixLevels, PredictKernels};
 use super::separable::Separable3x3;
 use super::unembed::Unembed;
 use super::window_attention::WindowAttention;
@@ -67,6 +68,10 @@ impl Call {
             Self::Depthwise3x3(k) => depthwise3x3(k, contract),
             Self::Separable3x3(k) => separable3x3(k, contract),
             Self::Unembed(k) => unembed(k, contract),
+            Self::PredictKernels(k) => predict_kernels(k, contract),
+            Self::Halve(k) => halve(k),
+            Self::ApplyKernels(k) => apply_kernels(k),
+            Self::MixLevels(k) => mix_levels(k),
             Self::LayerNorm(k) => layer_norm(k),
             Self::WindowAttention(k) => window_attention(k, contract),
             Self::Expand(k) => expand(k),
@@ -201,6 +206,43 @@ fn unembed(call: &Unembed, contract: &Contract) -> Accesses {
     let weights = if contract.has("LANES_SHARE") { 4 } else { 32 };
     let loads = 1 + 4 * u64::from(call.src.channels / 4) * (tokens + 4 + weights);
     Accesses::each(2 * u64::from(tiles) * u64::from(TILE * TILE) / tokens, loads, 2 * tokens)
+}
+
+fn predict_kernels(call: &PredictKernels, contract: &Contract) -> Accesses {
+    let tokens = contract.define("TX");
+    let weights = |inputs: u64| if contract.has("LANES_SHARE") { inputs.div_ceil(8) } else { inputs };
+    let invocations = u64::from(call.tiles.count(call.tokens.width, call.tokens.height)) * 256 / tokens;
+    // Once for the ring and once for its own, then twelve vectors of outputs.
+    let hidden = tokens * (8 + 8 + 3) + 8 * (2 + weights(40)) + 1;
+    Accesses {
+        global_loads: invocations * (2 * hidden + 12 * (1 + weights(32))),
+        global_stores: invocations * (3 * tokens) + invocations * tokens / 4,
+        shared_loads: invocations * tokens * (28 + 12 + 1),
+        shared_stores: invocations * tokens * 2 + invocations * tokens / 256 * 2 * 144,
+    }
+}
+
+fn halve(call: &Halve) -> Accesses {
+    let tokens = u64::from(call.tiles.count(call.dst.width, call.dst.height)) * u64::from(TILE * TILE);
+    let vectors = u64::from(call.dst.channels / 4);
+    Accesses::each(tokens, 4 * vectors, vectors)
+}
+
+fn apply_kernels(call: &ApplyKernels) -> Accesses {
+    let tiles = u64::from(call.tiles.count(call.dst.width, call.dst.height)) * u64::from(call.dst.channels / 4);
+    Accesses {
+        global_loads: tiles * (144 + 64 * 7),
+        global_stores: tiles * 64,
+        shared_loads: tiles * 64 * 28,
+        shared_stores: tiles * 144,
+    }
+}
+
+fn mix_levels(call: &MixLevels) -> Accesses {
+    let pixels = u64::from(call.tiles.count(call.dst.width, call.dst.height)) * u64::from(TILE * TILE);
+    let (images, levels) = (u64::from(call.dst.channels / 4), call.levels.len() as u64);
+    let direct = 2 * u64::from(call.direct.is_some());
+    Accesses::each(pixels, 2 + images * (1 + 4 * levels) + direct, images)
 }
 
 fn layer_norm(call: &LayerNorm) -> Accesses {

@@ -1,8 +1,8 @@
 //! A kernel with its arguments, whichever it is.
 
 use super::{
-    Kernel, Tiles, View, dense, expand, film, frame_io, maps, quiet, separable, stats, unembed, window_attention,
-    winograd,
+    Kernel, Tiles, View, dense, expand, film, frame_io, maps, predicted, quiet, separable, stats, unembed,
+    window_attention, winograd,
 };
 
 /// One kernel with its arguments.
@@ -20,6 +20,14 @@ pub enum Call {
     Separable3x3(separable::Separable3x3),
     /// Tokens of 2x2 to pixels.
     Unembed(unembed::Unembed),
+    /// Predicted kernels at full size.
+    PredictKernels(predicted::PredictKernels),
+    /// Means of 2x2 tokens.
+    Halve(predicted::Halve),
+    /// Predicted kernels over a level.
+    ApplyKernels(predicted::ApplyKernels),
+    /// The levels mixed.
+    MixLevels(predicted::MixLevels),
     /// Layer normalisation.
     LayerNorm(maps::LayerNorm),
     /// Joint window attention.
@@ -71,6 +79,10 @@ impl Call {
             Self::Linear(k) => of(&k.tiles, &k.dst),
             Self::Depthwise3x3(k) => of(&k.tiles, &k.dst),
             Self::Unembed(k) => of(&k.tiles, &k.src),
+            Self::PredictKernels(k) => of(&k.tiles, &k.tokens),
+            Self::Halve(k) => of(&k.tiles, &k.dst),
+            Self::ApplyKernels(k) => of(&k.tiles, &k.dst),
+            Self::MixLevels(k) => of(&k.tiles, &k.dst),
             Self::LayerNorm(k) => of(&k.tiles, &k.dst),
             Self::WindowAttention(k) => of(&k.tiles, &k.dst),
             Self::Expand(k) => of(&k.tiles, &k.dst),
@@ -94,6 +106,10 @@ impl Call {
             Self::Linear(k) => &mut k.tiles,
             Self::Depthwise3x3(k) => &mut k.tiles,
             Self::Unembed(k) => &mut k.tiles,
+            Self::PredictKernels(k) => &mut k.tiles,
+            Self::Halve(k) => &mut k.tiles,
+            Self::ApplyKernels(k) => &mut k.tiles,
+            Self::MixLevels(k) => &mut k.tiles,
             Self::LayerNorm(k) => &mut k.tiles,
             Self::WindowAttention(k) => &mut k.tiles,
             Self::Expand(k) => &mut k.tiles,
@@ -105,7 +121,7 @@ impl Call {
         })
     }
 
-    /// The map that it writes; `None` for kernels that write none.
+    /// The map that it writes, the first of several; `None` for kernels that write none.
     pub fn result(&self) -> Option<&View> {
         match self {
             Self::Conv3x3(k) => Some(&k.dst),
@@ -114,6 +130,10 @@ impl Call {
             Self::Linear(k) => Some(&k.dst),
             Self::Depthwise3x3(k) => Some(&k.dst),
             Self::Unembed(k) => Some(&k.dst),
+            Self::PredictKernels(k) => Some(&k.dst),
+            Self::Halve(k) => Some(&k.dst),
+            Self::ApplyKernels(k) => Some(&k.dst),
+            Self::MixLevels(k) => Some(&k.dst),
             Self::LayerNorm(k) => Some(&k.dst),
             Self::Expand(k) => Some(&k.dst),
             Self::WindowAttention(k) => Some(&k.dst),
@@ -124,15 +144,27 @@ impl Call {
         }
     }
 
-    /// The map of which it reads tokens around its own; `None` for kernels that read none.
-    pub fn reads_around(&self) -> Option<&View> {
-        match self {
-            Self::Conv3x3(k) => Some(&k.src),
-            Self::Winograd3x3(k) => Some(&k.conv.src),
-            Self::Separable3x3(k) => Some(&k.depthwise.src),
-            Self::Depthwise3x3(k) => Some(&k.src),
-            Self::Unembed(k) => Some(&k.src),
+    /// All maps that it writes.
+    pub fn results(&self) -> Vec<&View> {
+        let more = match self {
+            Self::PredictKernels(k) => Some(&k.sums),
             _ => None,
+        };
+        self.result().into_iter().chain(more).collect()
+    }
+
+    /// The maps of which it reads tokens around its own: mostly none or one.
+    pub fn reads_around(&self) -> Vec<&View> {
+        match self {
+            Self::Conv3x3(k) => vec![&k.src],
+            Self::Winograd3x3(k) => vec![&k.conv.src],
+            Self::Separable3x3(k) => vec![&k.depthwise.src],
+            Self::Depthwise3x3(k) => vec![&k.src],
+            Self::Unembed(k) => vec![&k.src],
+            Self::PredictKernels(k) => vec![&k.early, &k.tokens, &k.albedo, &k.color, &k.residual],
+            Self::ApplyKernels(k) => vec![&k.sums],
+            Self::MixLevels(k) => k.levels.iter().collect(),
+            _ => vec![],
         }
     }
 
@@ -145,6 +177,10 @@ impl Call {
             Self::Depthwise3x3(k) => k,
             Self::Separable3x3(k) => k,
             Self::Unembed(k) => k,
+            Self::PredictKernels(k) => k,
+            Self::Halve(k) => k,
+            Self::ApplyKernels(k) => k,
+            Self::MixLevels(k) => k,
             Self::LayerNorm(k) => k,
             Self::WindowAttention(k) => k,
             Self::Expand(k) => k,

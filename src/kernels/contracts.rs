@@ -49,6 +49,27 @@ const SEPARABLE_TEXELS: &[Binding] = &[
 ];
 const MAP_TEXELS: &[Binding] = &[SRC_TEXELS, WEIGHTS_TEXELS];
 const SRC_ONLY_TEXELS: &[Binding] = &[SRC_TEXELS];
+const PREDICT_TEXELS: &[Binding] = &[
+    Binding { name: "early_texels", ty: BindingType::TexelBuffer },
+    Binding { name: "tokens_texels", ty: BindingType::TexelBuffer },
+    Binding { name: "albedo_texels", ty: BindingType::TexelBuffer },
+    Binding { name: "color_texels", ty: BindingType::TexelBuffer },
+    RESIDUAL_TEXELS,
+    WEIGHTS_TEXELS,
+];
+const APPLY_TEXELS: &[Binding] = &[
+    Binding { name: "logits_texels", ty: BindingType::TexelBuffer },
+    Binding { name: "sums_texels", ty: BindingType::TexelBuffer },
+];
+const MIX_TEXELS: &[Binding] = &[
+    Binding { name: "pixels_texels", ty: BindingType::TexelBuffer },
+    Binding { name: "level_0_texels", ty: BindingType::TexelBuffer },
+    Binding { name: "level_1_texels", ty: BindingType::TexelBuffer },
+    Binding { name: "level_2_texels", ty: BindingType::TexelBuffer },
+    Binding { name: "level_3_texels", ty: BindingType::TexelBuffer },
+    Binding { name: "color_texels", ty: BindingType::TexelBuffer },
+    RESIDUAL_TEXELS,
+];
 const ATTENTION_TEXELS: &[Binding] = &[
     Binding { name: "x_texels", ty: BindingType::TexelBuffer },
     Binding { name: "f_texels", ty: BindingType::TexelBuffer },
@@ -242,6 +263,28 @@ contracts! {
         /// The same for CPU drivers, from a map of either.
         UNEMBED_CPU = "unembed_cpu" "unembed.comp" UnembedPush
             { "TX": "8", "LANES_SHARE": "1", "TEXELS": "1" } MAP_TEXELS, CPU;
+        /// Kernels of every pixel.
+        PREDICT_KERNELS = "predict_kernels" "predict_kernels.comp" PredictKernelsPush { "TX": "2" } &[], &[];
+        /// The same from maps of halves.
+        PREDICT_KERNELS_FROM_F16 = "predict_kernels_from_f16" "predict_kernels.comp" PredictKernelsPush
+            { "TX": "2", "SRC_F16": "1" } &[], &[];
+        /// The same for CPU drivers, from maps of either.
+        PREDICT_KERNELS_CPU = "predict_kernels_cpu" "predict_kernels.comp" PredictKernelsPush
+            { "TX": "4", "LANES_SHARE": "1", "TEXELS": "1" } PREDICT_TEXELS, CPU;
+        /// Means of 2x2 tokens.
+        HALVE = "halve" "halve.comp" HalvePush {} &[], &[];
+        /// The same for CPU drivers.
+        HALVE_CPU = "halve_cpu" "halve.comp" HalvePush { "TEXELS": "1" } SRC_ONLY_TEXELS, CPU;
+        /// Kernels of every token over images.
+        APPLY_KERNELS = "apply_kernels" "apply_kernels.comp" ApplyKernelsPush {} &[], &[];
+        /// The same from logits of halves.
+        APPLY_KERNELS_FROM_F16 = "apply_kernels_from_f16" "apply_kernels.comp" ApplyKernelsPush { "SRC_F16": "1" } &[], &[];
+        /// The same for CPU drivers, from logits of either.
+        APPLY_KERNELS_CPU = "apply_kernels_cpu" "apply_kernels.comp" ApplyKernelsPush { "TEXELS": "1" } APPLY_TEXELS, CPU;
+        /// Levels of kernels to one picture.
+        MIX_LEVELS = "mix_levels" "mix_levels.comp" MixLevelsPush {} &[], &[];
+        /// The same for CPU drivers.
+        MIX_LEVELS_CPU = "mix_levels_cpu" "mix_levels.comp" MixLevelsPush { "TEXELS": "1" } MIX_TEXELS, CPU;
         /// Convolution on cooperative matrices, stride 1.
         CONV3X3_MATRIX = "conv3x3_matrix" "conv3x3_matrix.comp" Conv3x3Push { "STRIDE": "1" } &[], MATRICES, DENSE_MATRIX;
         /// Convolution on cooperative matrices, stride 2.

@@ -141,11 +141,14 @@ impl Kernel for InputAux {
     }
 }
 
-/// `max(expm1(c + r) / exposure, 0)`, mixed with the noisy colour by `blend`, cropped to the frame.
+/// `max(expm1(c + r) / exposure, 0)`, or where the network makes radiance `max(r / exposure, 0)`, mixed with the noisy colour
+/// by `blend`, cropped to the frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Output {
-    /// The network's residual r, three channels and padding.
+    /// The network's result r, three channels and padding.
     pub residual: View,
+    /// Whether that is exposed radiance.
+    pub radiance: bool,
     /// The network's colour input c.
     pub log_color: View,
     /// The statistics.
@@ -202,7 +205,10 @@ impl Kernel for Output {
             residual_stride: self.residual.stride / 4,
             first_tile: self.tiles.first(),
             tile_count: self.tiles.count(self.width, self.height),
-            flags: self.tiles.flags(self.width) | color_flags(&at.frame.color) | self.quiet.map_or(0, |_| flags::QUIET),
+            flags: self.tiles.flags(self.width)
+                | color_flags(&at.frame.color)
+                | self.quiet.map_or(0, |_| flags::QUIET)
+                | if self.radiance { flags::RADIANCE } else { 0 },
             blend: at.frame.blend,
         })
     }

@@ -13,6 +13,7 @@ pub mod expand;
 pub mod film;
 pub mod frame_io;
 pub mod maps;
+pub mod predicted;
 pub mod pushes;
 pub mod quiet;
 pub mod separable;
@@ -303,12 +304,14 @@ pub trait Kernel {
 mod flags {
     pub const TILE_LIST: u32 = 1;
     pub const RELU: u32 = 2;
+    pub const GATED: u32 = 2;
     pub const LEAKY_RELU: u32 = 4;
     pub const RESIDUAL: u32 = 8;
     pub const FILM: u32 = 16;
     pub const SHUFFLE: u32 = 32;
     pub const UNSHUFFLE: u32 = 64;
     pub const QUIET: u32 = 16;
+    pub const RADIANCE: u32 = 32;
     pub const COLOR_HALF: u32 = 1 << 8;
     pub const COLOR: u32 = 1 << 9;
     pub const ALBEDO_HALF: u32 = 1 << 10;

@@ -54,6 +54,44 @@ push_constants! {
 }
 
 push_constants! {
+    /// Kernels of every pixel, predicted and applied.
+    PredictKernelsPush {
+        early: Address, tokens: Address, albedo: Address, color: Address, residual: Address, weights: Address,
+        dst: Address, sums: Address, tiles: Address,
+        width: U32, height: U32, early_stride: U32, tokens_stride: U32, albedo_stride: U32, color_stride: U32,
+        residual_stride: U32, dst_stride: U32, sums_stride: U32, first_tile: U32, tile_count: U32, flags: U32,
+    }
+}
+
+push_constants! {
+    /// Means of 2x2 tokens.
+    HalvePush {
+        src: Address, dst: Address, tiles: Address,
+        width: U32, src_stride: U32, dst_stride: U32, channels: U32,
+        first_tile: U32, tile_count: U32, flags: U32, unused: U32,
+    }
+}
+
+push_constants! {
+    /// Kernels of every token over images.
+    ApplyKernelsPush {
+        logits: Address, sums: Address, dst: Address, tiles: Address,
+        width: U32, height: U32, logits_stride: U32, sums_stride: U32, dst_stride: U32, images: U32,
+        first_tile: U32, tile_count: U32, flags: U32, unused: U32,
+    }
+}
+
+push_constants! {
+    /// The levels of kernels to one picture.
+    MixLevelsPush {
+        pixels: Address, level_0: Address, level_1: Address, level_2: Address, level_3: Address,
+        color: Address, residual: Address, dst: Address, tiles: Address,
+        width: U32, height: U32, pixels_stride: U32, level_strides: U32, color_stride: U32, residual_stride: U32,
+        dst_stride: U32, images: U32, levels: U32, first_tile: U32, tile_count: U32, flags: U32,
+    }
+}
+
+push_constants! {
     /// Layer normalisation of every token.
     LayerNormPush {
         src: Address, dst: Address, weights: Address, tiles: Address,

@@ -62,8 +62,19 @@ impl TokenRect {
 
     /// The tokens of a map of half the size that cover it.
     pub fn halved(&self) -> Self {
+        self.divided(2)
+    }
+
+    /// The tokens of a map of a part of the size that cover it.
+    pub fn divided(&self, by: u32) -> Self {
         let Self { left, top, right, bottom } = *self;
-        Self { left: left / 2, top: top / 2, right: right.div_ceil(2), bottom: bottom.div_ceil(2) }
+        Self { left: left / by, top: top / by, right: right.div_ceil(by), bottom: bottom.div_ceil(by) }
+    }
+
+    /// The tokens of a map of twice the size that it covers.
+    pub fn doubled(&self) -> Self {
+        let Self { left, top, right, bottom } = *self;
+        Self { left: 2 * left, top: 2 * top, right: 2 * right, bottom: 2 * bottom }
     }
 
     /// The least that begins and ends at multiples of `grain` and covers it.

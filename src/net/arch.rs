@@ -5,6 +5,8 @@
 
 use serde::{Deserialize, Serialize};
 
+use super::head::Head;
+
 /// The side of an attention window in tokens. The only one supported.
 pub const WINDOW: u32 = 8;
 
@@ -31,6 +33,9 @@ pub struct Arch {
     pub stages: Vec<StageSpec>,
     /// The blocks at the coarsest resolution.
     pub bottleneck: Bottleneck,
+    /// How the last maps become the picture; a file of before there were heads says nothing of it.
+    #[serde(default, skip_serializing_if = "Head::is_residual")]
+    pub head: Head,
 }
 
 /// How decoder stage 0 takes its skip connection.
@@ -150,14 +155,15 @@ impl Arch {
         }
         let place = "bottleneck";
         check_count(self.bottleneck.blocks, place)?;
-        check_block(self.bottleneck.block, self.width(self.stages.len() as u32), self.bottleneck.heads, place)
+        check_block(self.bottleneck.block, self.width(self.stages.len() as u32), self.bottleneck.heads, place)?;
+        self.head.validate(self)
     }
 }
 
 /// What the kernel of the FiLM vectors holds in shared memory.
 const MAX_FILM_CHANNELS: u32 = 512;
 
-fn check(holds: bool, why: impl FnOnce() -> String) -> Result<(), ArchError> {
+pub(super) fn check(holds: bool, why: impl FnOnce() -> String) -> Result<(), ArchError> {
     if holds { Ok(()) } else { Err(ArchError(why())) }
 }
 

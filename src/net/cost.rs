@@ -1,7 +1,8 @@
-//! What a network costs: parameters, and FLOPs at a size. Convolutions, linears and attention matmuls, two per
-//! multiply-add; no bias, norm or elementwise work.
+//! What a network costs: parameters, and FLOPs at a size. Convolutions, linears, attention matmuls and kernels over images, two
+//! per multiply-add; no bias, norm or elementwise work.
 
 use super::graph::{Graph, Op, OpKind, Shape, Slice, conv_outputs};
+use super::head::{ALBEDO_SIDE, FULL_OUTPUTS, HIDDEN, KERNEL_SIDE};
 use std::ops::AddAssign;
 
 /// FLOPs by the form of the operation that does them.
@@ -15,12 +16,14 @@ pub struct Flops {
     pub depthwise: u64,
     /// The matmuls of attention.
     pub attention: u64,
+    /// Predicted kernels over images.
+    pub kernels: u64,
 }
 
 impl Flops {
     /// All forms together.
     pub fn total(&self) -> u64 {
-        self.dense + self.pointwise + self.depthwise + self.attention
+        self.dense + self.pointwise + self.depthwise + self.attention + self.kernels
     }
 }
 
@@ -30,6 +33,7 @@ impl AddAssign for Flops {
         self.pointwise += other.pointwise;
         self.depthwise += other.depthwise;
         self.attention += other.attention;
+        self.kernels += other.kernels;
     }
 }
 
@@ -76,7 +80,18 @@ pub fn op_flops(graph: &Graph, op: &Op, width: u32, height: u32) -> Flops {
             let size = u64::from(graph.whole(*input).channels) * u64::from(graph.whole(*output).channels);
             Flops { pointwise: 2 * size, ..none }
         }
-        OpKind::LayerNorm { .. } | OpKind::FilmMean { .. } => none,
+        OpKind::PredictKernels { tokens: coarse, levels, sums, output, .. } => {
+            let of_token = u64::from(coarse.channels * 4 * HIDDEN);
+            let of_pixel = u64::from(6 * HIDDEN + HIDDEN * (FULL_OUTPUTS + levels.saturating_sub(3)));
+            let taps = u64::from(3 * (KERNEL_SIDE * KERNEL_SIDE * (sums.channels / 4) + ALBEDO_SIDE * ALBEDO_SIDE));
+            let pointwise = 2 * (tokens(*coarse) * of_token + tokens(*output) * of_pixel);
+            Flops { pointwise, kernels: 2 * tokens(*output) * taps, ..none }
+        }
+        OpKind::ApplyKernels { logits, sums, .. } => {
+            let taps = u64::from(3 * logits.channels * (sums.channels / 4));
+            Flops { kernels: 2 * tokens(*sums) * taps, ..none }
+        }
+        OpKind::LayerNorm { .. } | OpKind::FilmMean { .. } | OpKind::Halve { .. } | OpKind::MixLevels { .. } => none,
     }
 }
 

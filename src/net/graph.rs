@@ -8,6 +8,7 @@ use std::fmt;
 use std::ops::Range;
 
 use super::arch::{Arch, ArchError};
+use super::head::{FULL_OUTPUTS, HIDDEN};
 use super::unet;
 
 /// Names a [`Value`] of a [`Graph`]: its index in [`Graph::values`].
@@ -222,6 +223,63 @@ pub enum OpKind {
         /// A vector as long as `input` has channels.
         output: ValueId,
     },
+    /// Kernels of every pixel, predicted and applied at full size; and what means over squares of 2x2 pixels are made of.
+    ///
+    /// From `h = LeakyRelu(early + tok(tokens) + guess([color | color + residual]))`, where channel `(2 dy + dx) 32 + c` of
+    /// a token goes to its pixel `(dy, dx)`, `out_full` makes 25 logits of a kernel, the reliability's raw `x`
+    /// (`b = exp(max(-softplus(x), -40))`), three levels' logits, a gate's and nine of a kernel over albedo; `out_more` the logits of
+    /// further levels. The image is `expm1(color) / a`, with `a = m max(albedo, 0.05) + 1 - m`, `m = clamp(20 max(albedo), 0, 1)`;
+    /// a pixel's mean is by `exp(logit) b` of the taps inside the frame.
+    PredictKernels {
+        /// Tensor prefix.
+        head: String,
+        /// What maps at full size add to `h`.
+        early: Slice,
+        /// Tokens of 2x2 pixels.
+        tokens: Slice,
+        /// log1p of the exposed colour.
+        color: Slice,
+        /// What the network adds to it.
+        residual: Slice,
+        /// Albedo.
+        albedo: Slice,
+        /// Sizes of kernels, the full one among them.
+        levels: u32,
+        /// Of every image a vector of four, the mean times the first level's share; then the mean albedo and the gate
+        /// (sigmoid); then the shares (softmax) of the second level on, zeros beyond them.
+        output: Slice,
+        /// At two pixels a token: of every image the mean of `b` times it, three channels, and that of `b`.
+        sums: Slice,
+    },
+    /// The mean of 2x2 tokens.
+    Halve {
+        /// What it reads.
+        input: Slice,
+        /// What it writes, of half the size.
+        output: ValueId,
+    },
+    /// Kernels of every token over images that are stored as sums with their weight: the weighted mean of 5x5 tokens by
+    /// `exp(logit)`, and 1; zeros where no tap has a weight.
+    ApplyKernels {
+        /// 25 logits a token, row by row.
+        logits: Slice,
+        /// Of every image three channels times a weight, and the weight.
+        sums: Slice,
+        /// Of every image its mean, and 1.
+        output: ValueId,
+    },
+    /// The levels of kernels, enlarged bilinearly, mixed by their shares and multiplied by the albedo. With `direct`, by the gate
+    /// mixed with the network's own estimate, in the logarithm. Exposed radiance.
+    MixLevels {
+        /// [`OpKind::PredictKernels`]' result.
+        pixels: Slice,
+        /// [`OpKind::ApplyKernels`]' results, the finest first.
+        levels: Vec<Slice>,
+        /// log1p of the exposed colour, and what the network adds to it.
+        direct: Option<(Slice, Slice)>,
+        /// Of every image three channels and a zero.
+        output: ValueId,
+    },
     /// A matrix and its bias applied to a vector.
     FilmVector {
         /// The mean.
@@ -300,7 +358,8 @@ pub struct Graph {
     pub color: ValueId,
     /// Input: albedo 3, normal 3, depth 1, a map of stride 1 and 7 channels.
     pub aux: ValueId,
-    /// Output: what is added to `color`, a map of stride 1 and 3 channels.
+    /// Output, a map of stride 1: what is added to `color`, 3 channels; of a head of kernels the exposed radiance itself, of
+    /// every image 3 channels and a zero.
     pub residual: ValueId,
 }
 
@@ -311,7 +370,17 @@ impl Graph {
     /// What [`Arch::validate`] finds.
     pub fn new(arch: &Arch) -> Result<Graph, ArchError> {
         arch.validate()?;
-        Ok(unet::build(arch))
+        Ok(unet::build(arch, 1))
+    }
+
+    /// The same for a frame of several images that go through the same kernels, the colour among them. Without kernels there
+    /// is the colour alone.
+    ///
+    /// # Errors
+    /// As [`Graph::new`].
+    pub fn of_images(arch: &Arch, images: u32) -> Result<Graph, ArchError> {
+        arch.validate()?;
+        Ok(unet::build(arch, images))
     }
 
     /// The value `id` names. `id` must come from this graph.
@@ -323,6 +392,19 @@ impl Graph {
     pub fn whole(&self, id: ValueId) -> Slice {
         let (Shape::Map { channels, .. } | Shape::Vector { len: channels }) = self.value(id).shape;
         Slice { value: id, first: 0, channels }
+    }
+
+    /// Whether a value is what predicted kernels make of images, or the residual that they read.
+    pub(crate) fn is_of_kernels(&self, id: ValueId) -> bool {
+        self.ops.iter().any(|op| match &op.kind {
+            OpKind::PredictKernels { residual, output, sums, .. } => {
+                [residual, output, sums].iter().any(|slice| slice.value == id)
+            }
+            OpKind::Halve { output, .. } | OpKind::ApplyKernels { output, .. } | OpKind::MixLevels { output, .. } => {
+                *output == id
+            }
+            _ => false,
+        })
     }
 
     /// What `op` reads, weights aside.
@@ -340,17 +422,41 @@ impl Graph {
             OpKind::Unembed { input, .. } => vec![*input],
             OpKind::WindowAttention { x, f, .. } => vec![self.whole(*x), self.whole(*f)],
             OpKind::FilmVector { input, .. } => vec![self.whole(*input)],
+            OpKind::PredictKernels { early, tokens, color, residual, albedo, .. } => {
+                vec![*early, *tokens, *color, *residual, *albedo]
+            }
+            OpKind::Halve { input, .. } => vec![*input],
+            OpKind::ApplyKernels { logits, sums, .. } => vec![*logits, *sums],
+            OpKind::MixLevels { pixels, levels, direct, .. } => {
+                let direct = direct.iter().flat_map(|(color, residual)| [*color, *residual]);
+                [*pixels].into_iter().chain(levels.iter().copied()).chain(direct).collect()
+            }
         }
     }
 
-    /// What `op` writes.
-    pub fn writes(&self, op: &Op) -> Slice {
+    /// All that `op` writes: mostly one slice.
+    pub fn writes(&self, op: &Op) -> Vec<Slice> {
+        let more = match &op.kind {
+            OpKind::PredictKernels { sums, .. } => Some(*sums),
+            _ => None,
+        };
+        std::iter::once(self.result(op)).chain(more).collect()
+    }
+
+    /// What `op` writes first.
+    pub fn result(&self, op: &Op) -> Slice {
         match &op.kind {
-            OpKind::Conv3x3 { output, .. } | OpKind::Unembed { output, .. } | OpKind::Linear { output, .. } => *output,
+            OpKind::Conv3x3 { output, .. }
+            | OpKind::Unembed { output, .. }
+            | OpKind::Linear { output, .. }
+            | OpKind::PredictKernels { output, .. } => *output,
             OpKind::Depthwise3x3 { output, .. }
             | OpKind::LayerNorm { output, .. }
             | OpKind::WindowAttention { output, .. }
             | OpKind::FilmMean { output, .. }
+            | OpKind::Halve { output, .. }
+            | OpKind::ApplyKernels { output, .. }
+            | OpKind::MixLevels { output, .. }
             | OpKind::FilmVector { output, .. } => self.whole(*output),
         }
     }
@@ -390,6 +496,17 @@ impl Graph {
             OpKind::WindowAttention { bias_table, heads, .. } => {
                 vec![TensorSpec { name: bias_table.clone(), shape: vec![225, *heads] }]
             }
+            OpKind::PredictKernels { head, tokens, levels, .. } => {
+                let linear = |name: &str, outputs, inputs| affine(&format!("{head}.{name}"), &[outputs, inputs], true);
+                let mut tensors = linear("tok", 4 * HIDDEN, tokens.channels);
+                tensors.extend(linear("guess", HIDDEN, 6));
+                tensors.extend(linear("out_full", FULL_OUTPUTS, HIDDEN));
+                if *levels > 3 {
+                    tensors.extend(linear("out_more", levels - 3, HIDDEN));
+                }
+                tensors
+            }
+            OpKind::Halve { .. } | OpKind::ApplyKernels { .. } | OpKind::MixLevels { .. } => Vec::new(),
             OpKind::FilmVector { input, weight, output } => {
                 affine(weight, &[self.whole(*output).channels, self.whole(*input).channels], true)
             }

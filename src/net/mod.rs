@@ -15,6 +15,8 @@ pub mod cost;
 mod fold;
 pub mod graph;
 mod hashed;
+pub mod head;
+mod head_ops;
 mod named;
 mod part;
 pub mod table;
@@ -28,4 +30,5 @@ pub use graph::{
     Activation, ConvWeight, Graph, LinearPart, LinearWeight, Op, OpKind, Shape, Shuffle, Slice, Stage, TensorSpec,
     Value, ValueId,
 };
+pub use head::{Head, KernelHead};
 pub use weights::{DepthRule, ExposureRule, Preprocessing, Tensor, Weights, WeightsError};

@@ -1,6 +1,7 @@
 //! The ten networks that the thesis measures, from the baseline to the hybrid, in the order of its tables.
 
 use super::arch::{Arch, Block, Bottleneck, Convolution, Decoder, StageSpec, WINDOW};
+use super::head::Head;
 
 const FILM: Block = Block::FilmCnn { conv: Convolution::Standard };
 
@@ -108,6 +109,7 @@ fn build(name: &str, blocks: &[Block], neck: Block, decoder: Decoder, patch: u32
         decoder,
         stages: blocks.iter().enumerate().map(stage).collect(),
         bottleneck: Bottleneck { blocks: 2, heads: 1 << blocks.len(), block: neck },
+        head: Head::Residual,
     }
 }
 

@@ -4,6 +4,7 @@ use super::arch::{Arch, ArchError, Block, Bottleneck, Convolution, Decoder, Stag
 use super::blocks::{Place, block};
 use super::builder::{Builder, Conv, Linear};
 use super::graph::{Activation, Graph, Slice, Stage};
+use super::head::Head;
 
 /// Name of the block, and so of its tensors: those of the first block of [`Graph::arch`].
 const PREFIX: &str = "enc.0.0";
@@ -46,6 +47,7 @@ impl Graph {
             decoder: Decoder::Symmetric,
             stages: vec![StageSpec { encoder_blocks: 1, decoder_blocks: 1, heads: 1, block: kind }],
             bottleneck: Bottleneck { blocks: 1, heads: 1, block: kind },
+            head: Head::Residual,
         };
         arch.validate()?;
         let mut b = Builder::new();

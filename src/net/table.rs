@@ -24,7 +24,7 @@ const SIDE: u32 = 128;
 pub fn table_costs(graph: &Graph) -> TableCosts {
     let mut costs = TableCosts { parameters: cost::parameters(graph), flops: 0 };
     for op in &graph.ops {
-        let Flops { dense, pointwise, depthwise, attention: _ } = cost::op_flops(graph, op, SIDE, SIDE);
+        let Flops { dense, pointwise, depthwise, attention: _, kernels: _ } = cost::op_flops(graph, op, SIDE, SIDE);
         costs.flops += dense + pointwise + depthwise + 2 * overhead(graph, op);
         if let OpKind::WindowAttention { heads, key_width, value_width, output, .. } = op.kind {
             costs.parameters -= u64::from(225 * heads);

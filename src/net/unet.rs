@@ -4,9 +4,10 @@ use super::arch::{Arch, Decoder};
 use super::blocks::{Place, block};
 use super::builder::{Builder, Conv, Linear};
 use super::graph::{Activation, Graph, Op, OpKind, Shuffle, Slice, Stage};
+use super::head_ops;
 
 /// The graph of a valid architecture.
-pub(super) fn build(arch: &Arch) -> Graph {
+pub(super) fn build(arch: &Arch, images: u32) -> Graph {
     let mut b = Builder::new();
     let color = b.map("color", 1, 3);
     let aux = b.map("aux", 1, 7);
@@ -18,8 +19,8 @@ pub(super) fn build(arch: &Arch) -> Graph {
     });
     let half = |whole: Slice, i: u32| whole.part(i * arch.channels, arch.channels);
 
-    let f0 = project_aux(&mut b, arch, aux, wide.map(|(_, f)| half(f, 1)));
-    let x0 = project_color(&mut b, arch, color);
+    let (f0, early) = project_aux(&mut b, arch, aux, wide.map(|(_, f)| half(f, 1)));
+    let (x0, early) = project_color(&mut b, arch, color, early);
 
     let (mut x, mut f, mut skips) = (x0, vec![f0], Vec::new());
     for (i, stage) in arch.stages.iter().enumerate() {
@@ -44,6 +45,7 @@ pub(super) fn build(arch: &Arch) -> Graph {
         x = block(&mut b, neck.block, neck.heads, place);
     }
 
+    let mut tokens = vec![x];
     for (i, stage) in arch.stages.iter().enumerate().rev() {
         b.stage = Stage::Decoder(i as u32);
         let (mut guide, mut heads) = (f[i], stage.heads);
@@ -62,6 +64,7 @@ pub(super) fn build(arch: &Arch) -> Graph {
             let place = Place { prefix: &format!("dec.{i}.{n}"), x, f: guide, into: None };
             x = block(&mut b, stage.block, heads, place);
         }
+        tokens.insert(0, x);
     }
 
     b.stage = Stage::Output;
@@ -69,14 +72,18 @@ pub(super) fn build(arch: &Arch) -> Graph {
         let unembed = Conv::new("patch_unembed", x, 4 * x.channels);
         x = b.conv(Conv { bias: false, shuffle: Shuffle::Shuffle, ..unembed });
     }
-    let residual = b.conv(Conv::new("output", x, 3));
+    let mut result = b.conv(Conv::new("output", x, 3));
+    if let (Some(head), Some(early)) = (arch.head.kernels(), early) {
+        let inputs = head_ops::Inputs { early, tokens: &tokens, color, aux, residual: result };
+        result = head_ops::kernels(&mut b, head, &inputs, images);
+    }
     Graph {
         arch: arch.clone(),
         values: b.values,
         ops: film_first(b.ops),
         color: color.value,
         aux: aux.value,
-        residual: residual.value,
+        residual: result.value,
     }
 }
 
@@ -101,20 +108,22 @@ fn film_first(ops: Vec<Op>) -> Vec<Op> {
     ordered
 }
 
-/// X0 at token resolution.
-fn project_color(b: &mut Builder, arch: &Arch, color: Slice) -> Slice {
+/// X0 at token resolution, and what X0 and F0 at full size add to what a head of kernels predicts from: of F0 it is given.
+fn project_color(b: &mut Builder, arch: &Arch, color: Slice, early: Option<Slice>) -> (Slice, Option<Slice>) {
     let x = b.conv(Conv { activation: Activation::LeakyRelu, ..Conv::new("color_proj", color, arch.channels) });
     if arch.patch == 1 {
-        return x;
+        return (x, None);
     }
-    b.conv(Conv { stride: arch.patch, ..Conv::new("patch_embed_x", x, arch.channels) })
+    // Before X0 is made smaller: in bands that is the last that is done with it.
+    let early = early.map(|of_f| head_ops::early(b, x, of_f));
+    (b.conv(Conv { stride: arch.patch, ..Conv::new("patch_embed_x", x, arch.channels) }), early)
 }
 
 /// F0 at token resolution: three steps, each feeding the next, then one Linear on their concatenated results.
 ///
 /// The Linear is written as three partial sums, one after each step, so that the results need not all be kept at full
-/// resolution at once.
-fn project_aux(b: &mut Builder, arch: &Arch, aux: Slice, into: Option<Slice>) -> Slice {
+/// resolution at once. The second result is F0's part of [`project_color`]'s, where there is a head of kernels.
+fn project_aux(b: &mut Builder, arch: &Arch, aux: Slice, into: Option<Slice>) -> (Slice, Option<Slice>) {
     let channels = arch.channels;
     let step = aux_step(b, 0, aux, channels);
     let sum = b.linear(aux_part(0, step, channels));
@@ -127,9 +136,10 @@ fn project_aux(b: &mut Builder, arch: &Arch, aux: Slice, into: Option<Slice>) ->
     last.into = into.filter(|_| arch.patch == 1);
     let f = b.linear(Linear { residual: Some(sum), ..last });
     if arch.patch == 1 {
-        return f;
+        return (f, None);
     }
-    b.conv(Conv { stride: arch.patch, into, ..Conv::new("patch_embed_f", f, channels) })
+    let early = arch.head.kernels().map(|_| head_ops::early_f(b, f));
+    (b.conv(Conv { stride: arch.patch, into, ..Conv::new("patch_embed_f", f, channels) }), early)
 }
 
 /// Pointwise, depthwise, activation.
@@ -165,6 +175,7 @@ mod tests {
     use super::*;
     use crate::net::arch::{Block, Convolution};
     use crate::net::graph::Shape;
+    use crate::net::head::Head;
     use std::collections::HashSet;
 
     /// The named networks and some that are none of them.
@@ -179,7 +190,8 @@ mod tests {
         least.channels = 8;
         least.stages.truncate(1);
         least.bottleneck.heads = 1;
-        Arch::NAMES.iter().filter_map(|n| Arch::named(n)).chain([separable, deepest, least]).collect()
+        let headed = [Head::pure(), Head::gated()].map(|head| Arch { head, ..Arch::hybrid() });
+        Arch::NAMES.iter().filter_map(|n| Arch::named(n)).chain([separable, deepest, least]).chain(headed).collect()
     }
 
     #[test]
@@ -195,7 +207,7 @@ mod tests {
                     assert!(written.contains(&channel), "{}: {} reads {channel:?}", arch.name, op.name);
                     read.insert(channel);
                 }
-                for channel in channels(graph.writes(op)) {
+                for channel in graph.writes(op).into_iter().flat_map(channels) {
                     assert!(written.insert(channel), "{}: {} writes {channel:?} again", arch.name, op.name);
                 }
             }
@@ -217,7 +229,7 @@ mod tests {
                 Shape::Vector { .. } => 0,
             };
             for op in &graph.ops {
-                let output = graph.writes(op);
+                let output = graph.result(op);
                 let name = format!("{} {}", arch.name, op.name);
                 match &op.kind {
                     OpKind::Conv3x3 { film, residual, stride: step, shuffle, input, .. } => {
@@ -250,6 +262,26 @@ mod tests {
                     OpKind::Unembed { .. } => unreachable!("{name}: of folded graphs only"),
                     OpKind::Depthwise3x3 { input, .. } | OpKind::LayerNorm { input, .. } => {
                         assert_eq!((stride(*input), input.channels), (stride(output), output.channels), "{name}");
+                    }
+                    OpKind::PredictKernels { early, tokens, color, residual, albedo, levels, output, sums, .. } => {
+                        let full = [early, color, residual, albedo, output];
+                        assert!(full.iter().all(|map| stride(**map) == 1), "{name}");
+                        assert_eq!([stride(*tokens), stride(*sums)], [2, 2], "{name}");
+                        assert_eq!(output.channels, sums.channels + 8, "{name}");
+                        assert!(*levels <= 5, "{name}: a vector holds the shares of the levels after the first");
+                    }
+                    OpKind::Halve { input, .. } => {
+                        assert_eq!((2 * stride(*input), input.channels), (stride(output), output.channels), "{name}");
+                    }
+                    OpKind::ApplyKernels { logits, sums, .. } => {
+                        assert_eq!([stride(*logits), stride(*sums)], [stride(output); 2], "{name}");
+                        assert_eq!((logits.channels, sums.channels), (25, output.channels), "{name}");
+                    }
+                    OpKind::MixLevels { pixels, levels, .. } => {
+                        let sides: Vec<u32> = levels.iter().map(|level| stride(*level)).collect();
+                        assert!(sides == [2, 4] || sides == [2, 4, 8, 16], "{name}: {sides:?}");
+                        assert_eq!((stride(*pixels), stride(output)), (1, 1), "{name}");
+                        assert!(levels.iter().all(|level| level.channels == output.channels), "{name}");
                     }
                     OpKind::FilmMean { input, .. } => assert_eq!(input.channels, output.channels, "{name}"),
                     OpKind::FilmVector { input, .. } => {

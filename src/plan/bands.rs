@@ -65,8 +65,10 @@ impl Lowering<'_> {
             at += ops;
         }
         self.band = None;
+        let stays = |op: usize| !chain.locals.contains(&self.graph.result(&self.graph.ops[op]).value);
+        let results: Vec<bool> = calls.iter().map(|(op, ..)| stays(*op)).collect();
         let mut only: Vec<&mut Call> = calls.iter_mut().map(|(_, call, _)| call).collect();
-        restrict_chain(&mut only, (top, bottom), (first, end));
+        restrict_chain(&mut only, &results, (top, bottom), (first, end));
         for (op, call, flops) in calls {
             let op = &self.graph.ops[op];
             let Some((tiles, width, height)) = call.tiles() else { continue };
@@ -82,7 +84,7 @@ impl Lowering<'_> {
     }
 }
 
-/// Consecutive operations of which only the last one's result is read by others.
+/// Consecutive operations of which only the last one's result is read by others, and what is kept for predicted kernels.
 struct Chain {
     at: usize,
     ops: usize,
@@ -101,13 +103,14 @@ impl Chain {
     fn new(graph: &Graph, at: usize, storage: Storage) -> Self {
         let mut best = Self { at, ops: 1, locals: Vec::new(), widest: 0, halo: 0, grain: TILE };
         let mut made: Vec<ValueId> = Vec::new();
+        let kept = kept_for_kernels(graph);
         let (mut reach, mut grain) = (0, TILE);
         for (i, op) in graph.ops.iter().enumerate().skip(at) {
             let Some(step) = reach_of(graph, op) else { break };
             reach += step;
-            let touched = graph.reads(op).into_iter().chain([graph.writes(op)]);
+            let touched = graph.reads(op).into_iter().chain([graph.result(op)]);
             grain = touched.filter_map(|slice| stride_of(graph, slice.value)).fold(grain, |g, s| g.max(TILE * s));
-            let result = graph.writes(op).value;
+            let result = graph.result(op).value;
             let closed = made.iter().all(|value| is_read_within(graph, *value, at, i + 1));
             if closed && i > at {
                 let bytes = |value: &ValueId| match graph.value(*value).shape {
@@ -120,7 +123,9 @@ impl Chain {
                 let (ops, locals) = (i + 1 - at, made.clone());
                 best = Self { at, ops, locals, widest, halo: reach.next_multiple_of(grain), grain };
             }
-            made.push(result);
+            if !kept.contains(&result) {
+                made.push(result);
+            }
         }
         best
     }
@@ -133,8 +138,29 @@ fn reach_of(graph: &Graph, op: &Op) -> Option<u32> {
         OpKind::Depthwise3x3 { input, .. } => stride_of(graph, input.value),
         OpKind::Unembed { input, .. } => stride_of(graph, input.value).map(|stride| 2 * stride),
         OpKind::Linear { .. } | OpKind::LayerNorm { .. } => Some(0),
-        OpKind::WindowAttention { .. } | OpKind::FilmMean { .. } | OpKind::FilmVector { .. } => None,
+        OpKind::WindowAttention { .. }
+        | OpKind::FilmMean { .. }
+        | OpKind::FilmVector { .. }
+        | OpKind::PredictKernels { .. }
+        | OpKind::Halve { .. }
+        | OpKind::ApplyKernels { .. }
+        | OpKind::MixLevels { .. } => None,
     }
+}
+
+/// What is made of maps at full size for predicted kernels, long before these.
+fn kept_for_kernels(graph: &Graph) -> Vec<ValueId> {
+    let early = graph.ops.iter().find_map(|op| match &op.kind {
+        OpKind::PredictKernels { early, .. } => Some(early.value),
+        _ => None,
+    });
+    let before = early.and_then(|early| {
+        graph.ops.iter().find_map(|op| match &op.kind {
+            OpKind::Linear { output, residual: Some(before), .. } if output.value == early => Some(before.value),
+            _ => None,
+        })
+    });
+    early.into_iter().chain(before).collect()
 }
 
 fn stride_of(graph: &Graph, value: ValueId) -> Option<u32> {
@@ -153,5 +179,5 @@ fn is_read_within(graph: &Graph, value: ValueId, from: usize, to: usize) -> bool
             .iter()
             .enumerate()
             .filter(|(i, _)| !(from..to).contains(i))
-            .all(|(_, op)| graph.writes(op).value != value && graph.reads(op).iter().all(|slice| slice.value != value))
+            .all(|(_, op)| graph.result(op).value != value && graph.reads(op).iter().all(|slice| slice.value != value))
 }

@@ -29,7 +29,7 @@ pub fn merge(
     padded: Extent,
     multiple: u32,
 ) -> Vec<(Dispatch, For)> {
-    let chain = chain(&dispatches);
+    let chain = chain(&dispatches, padded);
     let small = small_size(&dispatches, &chain, padded, multiple);
     let Some(small) = small.filter(|_| is_complete(&dispatches, &chain)) else {
         return dispatches.into_iter().map(|dispatch| (dispatch, For::Every)).collect();
@@ -73,8 +73,9 @@ pub fn merge(
     rest
 }
 
-/// The dispatches of features that a convolution of features follows, with these: what comes after is no work to speak of.
-fn chain(dispatches: &[Dispatch]) -> Vec<bool> {
+/// The dispatches of features that a convolution of features follows, with these, and Linears of their results at full size: what
+/// else comes after is no work to speak of.
+fn chain(dispatches: &[Dispatch], padded: Extent) -> Vec<bool> {
     let mut read: HashSet<BufferId> = HashSet::new();
     let mut chain = vec![false; dispatches.len()];
     for (dispatch, part) in dispatches.iter().zip(&mut chain).rev() {
@@ -88,6 +89,16 @@ fn chain(dispatches: &[Dispatch]) -> Vec<bool> {
         *part = dispatch.of_features && has_map && (feeds || spatial);
         if *part {
             read.extend(traffic.reads.iter().map(|(id, _)| *id));
+        }
+    }
+    let parts = dispatches.iter().zip(&chain).filter(|(_, part)| **part);
+    let mut written: HashSet<BufferId> = parts.flat_map(|(d, _)| d.traffic().writes).map(|(id, _)| id).collect();
+    for (dispatch, part) in dispatches.iter().zip(&mut chain) {
+        let at_full_size = dispatch.call.result().is_some_and(|result| result.width == padded.width);
+        let ready = || views(&dispatch.call).iter().all(|(view, writes)| *writes || written.contains(&view.buffer));
+        if !*part && dispatch.of_features && at_full_size && matches!(dispatch.call, Call::Linear(_)) && ready() {
+            *part = true;
+            written.extend(dispatch.traffic().writes.iter().map(|(id, _)| *id));
         }
     }
     chain

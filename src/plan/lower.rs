@@ -124,9 +124,9 @@ impl<'a> Lowering<'a> {
         id
     }
 
-    /// How a value is stored: the network's maps as the options say, its input and result in full.
+    /// How a value is stored: the network's maps as the options say, its input and result in full, and so radiance.
     fn storage(&self, id: ValueId) -> Storage {
-        let full = [self.graph.color, self.graph.residual].contains(&id);
+        let full = [self.graph.color, self.graph.residual].contains(&id) || self.graph.is_of_kernels(id);
         let is_map = matches!(self.graph.value(id).shape, Shape::Map { .. });
         if is_map && !full { self.options.storage } else { Storage::F32 }
     }
@@ -249,6 +249,7 @@ impl<'a> Lowering<'a> {
             height: self.extent.height,
             tiles: Tiles::All,
             region: Region::all(self.extent),
+            radiance: self.graph.arch.head.kernels().is_some(),
             quiet: None,
         };
         self.push("output", Stage::Output, 0, Call::Output(output));

@@ -12,6 +12,7 @@ mod hazards;
 mod lower;
 mod ops;
 pub mod pack;
+mod predicted;
 pub mod quiet;
 pub mod quiet_mode;
 mod quiet_reach;

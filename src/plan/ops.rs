@@ -5,7 +5,7 @@ use super::conv_table::ConvShape;
 use super::lower::{Lowering, Partials};
 use super::pack::{Pack, linear_outputs};
 use crate::kernels::winograd::Winograd3x3;
-use crate::kernels::{Call, Storage, Tiles, View, dense, film, maps, unembed, window_attention};
+use crate::kernels::{Call, Storage, Tiles, View, dense, film, maps, predicted, unembed, window_attention};
 use crate::net::graph::{Op, OpKind, Slice, conv_outputs};
 
 impl Lowering<'_> {
@@ -14,8 +14,8 @@ impl Lowering<'_> {
         let graph = self.graph;
         let op = &graph.ops[at];
         let (call, flops) = (self.op(op), self.flops(op));
-        let (form, inputs) = (self.options.separable, graph.writes(op).channels);
-        let fuses = |next: &&Op| form.fuses(inputs, graph.writes(next).channels) && is_separable(graph, at);
+        let (form, inputs) = (self.options.separable, graph.result(op).channels);
+        let fuses = |next: &&Op| form.fuses(inputs, graph.result(next).channels) && is_separable(graph, at);
         match graph.ops.get(at + 1).filter(fuses) {
             Some(next) => (fuse(call, self.op(next)), flops + self.flops(next), 2),
             None => (call, flops, 1),
@@ -126,6 +126,36 @@ impl Lowering<'_> {
                 self.partials.insert(*output, partials);
                 Call::TokenSum(sum)
             }
+            OpKind::PredictKernels { head, early, tokens, color, residual, albedo, levels, output, sums } => {
+                let pack = Pack::Kernels { head: head.clone(), levels: *levels };
+                Call::PredictKernels(predicted::PredictKernels {
+                    early: self.view(*early),
+                    tokens: self.view(*tokens),
+                    albedo: self.view(*albedo),
+                    color: self.view(*color),
+                    residual: self.view(*residual),
+                    weights: self.pack(&op.name, pack),
+                    dst: self.view(*output),
+                    sums: self.view(*sums),
+                    tiles: Tiles::All,
+                })
+            }
+            OpKind::Halve { input, output } => {
+                Call::Halve(predicted::Halve { src: self.view(*input), dst: self.whole(*output), tiles: Tiles::All })
+            }
+            OpKind::ApplyKernels { logits, sums, output } => Call::ApplyKernels(predicted::ApplyKernels {
+                logits: self.view(*logits),
+                sums: self.view(*sums),
+                dst: self.whole(*output),
+                tiles: Tiles::All,
+            }),
+            OpKind::MixLevels { pixels, levels, direct, output } => Call::MixLevels(predicted::MixLevels {
+                pixels: self.view(*pixels),
+                levels: levels.iter().map(|level| self.view(*level)).collect(),
+                direct: direct.map(|(color, residual)| (self.view(color), self.view(residual))),
+                dst: self.whole(*output),
+                tiles: Tiles::All,
+            }),
             OpKind::FilmVector { input, weight, output } => {
                 let inputs = self.graph.whole(*input).channels;
                 let outputs = self.graph.whole(*output).channels;

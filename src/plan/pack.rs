@@ -1,8 +1,9 @@
 //! How weights lie in device memory: 32-bit, in the order in which a kernel reads them, padded with zeros to what it
 //! computes at once.
 
-use super::{unembed, winograd};
+use super::{predicted, unembed, winograd};
 use crate::kernels::dense::{TILE_CHANNELS, conv_tile_channels};
+use crate::kernels::predicted::WEIGHTS;
 use crate::kernels::winograd::{WINOGRAD_CHANNELS, WinogradTile};
 use crate::net::graph::{ConvWeight, LinearWeight};
 use crate::net::weights::{Weights, WeightsError};
@@ -79,6 +80,15 @@ pub enum Pack {
         /// Heads.
         heads: u32,
     },
+    /// `[biases of what is predicted from, by pixel of a token | the reliability's row | biases of the outputs | matrix by pixel
+    /// of a token | matrix of the outputs]` of an [`crate::net::OpKind::PredictKernels`], matrices as
+    /// `[output / 4][input][4 outputs]`.
+    Kernels {
+        /// Tensor prefix.
+        head: String,
+        /// Sizes of kernels.
+        levels: u32,
+    },
     /// `[bias | matrix row by row]`.
     FilmVector {
         /// Tensor prefix.
@@ -107,6 +117,7 @@ impl Pack {
             Self::Depthwise { channels, .. } => 10 * *channels as usize,
             Self::Norm { channels, .. } => 2 * *channels as usize,
             Self::BiasTable { heads, .. } => BIAS_TABLE_STRIDE * *heads as usize,
+            Self::Kernels { .. } => WEIGHTS,
             Self::FilmVector { inputs, outputs, .. } => (*outputs * (*inputs + 1)) as usize,
         }
     }
@@ -208,6 +219,7 @@ impl Pack {
                     }
                 }
             }
+            Self::Kernels { head, levels } => predicted::write(head, *levels, weights, out)?,
             Self::FilmVector { weight, outputs, .. } => {
                 let (bias, matrix) = out.split_at_mut(*outputs as usize);
                 bias.copy_from_slice(tensor(weight, "bias")?);

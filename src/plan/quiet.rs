@@ -173,18 +173,20 @@ pub(super) fn apply(merged: Merged, buffers: &mut Vec<Buffer>, frame: &Frame) ->
         let tiles = |buffer| Tiles::List { buffer, at_most: made.tiles() };
         dispatch.call.tiles_mut().into_iter().for_each(|own| *own = tiles(made.list));
         dispatch.groups = Some(groups);
-        let fill = fills.get(&at).map(|side| {
-            let dst = dispatch.call.result().copied();
-            dst.map(|dst| Dispatch {
+        let fill = |dst: &View| {
+            let side = *fills.get(&(at, dst.buffer))?;
+            let fill = Dispatch {
                 name: format!("{}.idle", dispatch.name),
-                call: Call::Fill(Fill { dst, side: *side, tiles: tiles(made.idle) }),
+                call: Call::Fill(Fill { dst: *dst, side, tiles: tiles(made.idle) }),
                 flops: 0,
                 groups: Some(Groups { idle: true, ..groups }),
                 ..dispatch.clone()
-            })
-        });
+            };
+            Some((fill, frames))
+        };
+        let filled: Vec<_> = dispatch.call.results().into_iter().filter_map(fill).collect();
         out.push((dispatch, frames));
-        out.extend(fill.flatten().map(|fill| (fill, frames)));
+        out.extend(filled);
     }
     (out, activity)
 }

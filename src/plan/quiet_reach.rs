@@ -111,20 +111,21 @@ fn each_read(merged: &[(Dispatch, For)], list_of: &[Option<usize>], mut each: im
     }
 }
 
-/// The dispatches whose results are read beyond their own tiles, by convolutions or by dispatches over another list, with the side
-/// of a tile of theirs in tokens of the result.
-pub(super) fn read_beyond(merged: &[(Dispatch, For)], list_of: &[Option<usize>]) -> HashMap<usize, u32> {
-    let side = |call: &Call| match call {
+/// The dispatches and those of their results that are read beyond their own tiles, by convolutions or by dispatches over another
+/// list, with the side of a tile of theirs in tokens of the result.
+pub(super) fn read_beyond(merged: &[(Dispatch, For)], list_of: &[Option<usize>]) -> HashMap<(usize, BufferId), u32> {
+    let side = |call: &Call, id: BufferId| match call {
         Call::Conv3x3(conv) => side_of(conv.shuffle),
         Call::Winograd3x3(winograd) => side_of(winograd.conv.shuffle),
         Call::Unembed(_) => side_of(Shuffle::Shuffle),
+        Call::PredictKernels(kernels) if kernels.dst.buffer == id => side_of(Shuffle::Shuffle),
         _ => TILE,
     };
     let mut found = HashMap::new();
     each_read(merged, list_of, |(at, reader), (from, producer), id| {
-        let around = merged[at].0.call.reads_around().is_some_and(|view| view.buffer == id);
+        let around = merged[at].0.call.reads_around().iter().any(|view| view.buffer == id);
         if around || reader != producer {
-            found.insert(from, side(&merged[from].0.call));
+            found.insert((from, id), side(&merged[from].0.call, id));
         }
     });
     found

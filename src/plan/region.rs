@@ -12,6 +12,7 @@ use super::{Dispatch, Plan};
 use crate::frame::Region;
 use crate::kernels::dense::Conv3x3;
 use crate::kernels::frame_io::Output;
+use crate::kernels::predicted::REACH;
 use crate::kernels::winograd::Winograd3x3;
 use crate::kernels::{BufferId, Call, Shuffle, TILE, TileRect, Tiles, TokenRect, View};
 use std::collections::HashMap;
@@ -139,11 +140,17 @@ fn restrict(call: &mut Call, rect: TokenRect) -> Tiles {
     tiles
 }
 
-/// Restricts calls that run one after the other to what the last one needs for the pixel rows `first..end` of the frame.
+/// Restricts calls that run one after the other to what those whose result stays need for the pixel rows `first..end` of the frame.
 /// The views are of the frame's rows from `top` to `bottom`.
-pub(super) fn restrict_chain(calls: &mut [&mut Call], (top, bottom): (u32, u32), (first, end): (u32, u32)) {
+pub(super) fn restrict_chain(
+    calls: &mut [&mut Call],
+    stays: &[bool],
+    (top, bottom): (u32, u32),
+    (first, end): (u32, u32),
+) {
     let mut needed = Needed::default();
-    if let Some(view) = calls.last().and_then(|call| call.result()) {
+    let staying = calls.iter().zip(stays).filter(|(_, stays)| **stays);
+    for view in staying.filter_map(|(call, _)| call.result()) {
         let row = |row: u32| (row - top) * view.height / (bottom - top);
         needed.add(view, TokenRect { left: 0, top: row(first), right: view.width, bottom: row(end) });
     }
@@ -194,6 +201,37 @@ impl Needed {
             Call::Unembed(unembed) => {
                 let rect = within(self.of(&unembed.dst).halved(), &unembed.tiles);
                 self.add_within(&unembed.src, rect, 2);
+                rect
+            }
+            Call::PredictKernels(kernels) => {
+                let wanted = self.of(&kernels.dst).halved().and(&self.of(&kernels.sums));
+                let rect = within(wanted, &kernels.tiles);
+                let pixels = rect.doubled();
+                self.add_within(&kernels.tokens, rect, REACH.div_ceil(2));
+                for map in [&kernels.early, &kernels.albedo, &kernels.color, &kernels.residual] {
+                    self.add_within(map, pixels, REACH);
+                }
+                rect
+            }
+            Call::Halve(halve) => {
+                let rect = self.within(&halve.dst, &halve.tiles);
+                self.add(&halve.src, rect.doubled());
+                rect
+            }
+            Call::ApplyKernels(kernels) => {
+                let rect = self.within(&kernels.dst, &kernels.tiles);
+                self.add(&kernels.logits, rect);
+                self.add_within(&kernels.sums, rect, REACH);
+                rect
+            }
+            Call::MixLevels(mix) => {
+                let rect = self.within(&mix.dst, &mix.tiles);
+                let direct = mix.direct.iter().flat_map(|(color, residual)| [color, residual]);
+                [&mix.pixels].into_iter().chain(direct).for_each(|map| self.add(map, rect));
+                for level in &mix.levels {
+                    // The tokens that hold the pixels, and their neighbours.
+                    self.add_within(level, rect.divided(mix.dst.width / level.width), 1);
+                }
                 rect
             }
             Call::WindowAttention(attention) => {

@@ -208,7 +208,8 @@ pub fn output(reference: &mut Reference, call: &Output) {
         let quiet = map.map_or(0.0, |map| quiet_share(map, call.residual.width / MAP_TILE, x, y));
         for channel in 0..3 {
             let (c, r) = (log_color.token(x, y)[channel], residual.token(x, y)[channel]);
-            let denoised = clamp((c + r).exp_m1() / exposure, end);
+            let radiance = if call.radiance { r } else { (c + r).exp_m1() };
+            let denoised = clamp(radiance / exposure, end);
             let noisy = clamp(c.exp_m1() / exposure, end);
             let mixed = (1.0 - blend) * denoised + blend * noisy;
             let own = f64::from(frame.color[3 * (y * width + x) + channel]).min(end);

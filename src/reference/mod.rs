@@ -13,6 +13,7 @@ mod maps;
 mod matrix;
 mod parallel;
 mod parameters;
+mod predicted;
 mod quiet;
 mod separable;
 mod stats;
@@ -137,6 +138,10 @@ impl<'a> Reference<'a> {
             Call::Depthwise3x3(k) => maps::depthwise3x3(self, k),
             Call::Separable3x3(k) => separable::separable3x3(self, k),
             Call::Unembed(k) => unembed::unembed(self, k),
+            Call::PredictKernels(k) => predicted::predict_kernels(self, k),
+            Call::Halve(k) => predicted::halve(self, k),
+            Call::ApplyKernels(k) => predicted::apply_kernels(self, k),
+            Call::MixLevels(k) => predicted::mix_levels(self, k),
             Call::LayerNorm(k) => maps::layer_norm(self, k),
             Call::WindowAttention(k) => window_attention::window_attention(self, k),
             Call::Expand(k) => expand::expand(self, k),

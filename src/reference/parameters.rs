@@ -1,6 +1,8 @@
 //! The weights behind a buffer, from the tensors that its [`Pack`] names.
 
 use super::matrix::Matrix;
+use super::predicted::{KernelWeights, Linear};
+use crate::net::head::HIDDEN;
 use crate::net::weights::{Weights, WeightsError};
 use crate::plan::pack::{Pack, linear_outputs};
 
@@ -17,6 +19,8 @@ pub enum Parameters {
     Norm(Vec<(f64, f64)>),
     /// Of every head its 225 biases.
     BiasTable(Vec<Vec<f64>>),
+    /// The Linears of predicted kernels.
+    Kernels(Box<KernelWeights>),
     /// Of every result its bias and its row of the matrix.
     FilmVector(Vec<(f64, Vec<f64>)>),
 }
@@ -69,6 +73,17 @@ impl Parameters {
                 Self::BiasTable(
                     (0..heads).map(|head| wide(table).skip(head).step_by(heads).take(225).collect()).collect(),
                 )
+            }
+            Pack::Kernels { head, levels } => {
+                let linear = |name: &str, inputs: usize| -> Result<Linear, WeightsError> {
+                    let rows = tensor(&format!("{head}.{name}"), "weight")?.chunks_exact(inputs);
+                    let biases = wide(tensor(&format!("{head}.{name}"), "bias")?).collect();
+                    Ok(Linear { rows: rows.map(|row| wide(row).collect()).collect(), biases })
+                };
+                let hidden = HIDDEN as usize;
+                let (tok, guess, full) = (linear("tok", hidden)?, linear("guess", 6)?, linear("out_full", hidden)?);
+                let more = if *levels > 3 { linear("out_more", hidden)? } else { Linear::default() };
+                Self::Kernels(Box::new(KernelWeights { tok, guess, full, more }))
             }
             Pack::FilmVector { weight, inputs, outputs } => {
                 let rows = tensor(weight, "weight")?.chunks_exact(*inputs as usize).map(|row| wide(row).collect());

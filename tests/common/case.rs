@@ -7,7 +7,7 @@ use half::f16;
 use vkdenoise::frame::Extent;
 use vkdenoise::kernels::{BufferId, Call, HALF_TILE, Storage, TILE, TileRect, Tiles, Variants, View};
 use vkdenoise::net::{
-    Arch, Block, Bottleneck, Convolution, Decoder, DepthRule, ExposureRule, Preprocessing, StageSpec, Weights,
+    Arch, Block, Bottleneck, Convolution, Decoder, DepthRule, ExposureRule, Head, Preprocessing, StageSpec, Weights,
 };
 use vkdenoise::plan::pack::Pack;
 use vkdenoise::plan::{Buffer, Place};
@@ -39,6 +39,7 @@ pub fn small_net(channels: u32, bottleneck: Block) -> Weights {
         decoder: Decoder::Symmetric,
         stages: vec![stage(Convolution::Standard), stage(Convolution::Separable)],
         bottleneck: Bottleneck { blocks: 1, heads: 8, block: bottleneck },
+        head: Head::Residual,
     };
     Weights::hashed(&arch, PREPROCESSING, 3).unwrap()
 }
@@ -136,9 +137,14 @@ impl Cases {
 
     /// A map of random values in -`scale`..`scale`, somewhere in the channels and rows of a larger one.
     pub fn map(&mut self, size: (u32, u32), channels: u32, scale: f32) -> View {
+        self.map_between(size, channels, -scale, scale)
+    }
+
+    /// The same of values in `low`..`high`.
+    pub fn map_between(&mut self, size: (u32, u32), channels: u32, low: f32, high: f32) -> View {
         let view = self.target(size, channels);
         let Buffer { bytes, storage, .. } = &self.buffers[view.buffer.0];
-        let mut values = self.random.values((bytes / storage.bytes()) as usize, -scale, scale);
+        let mut values = self.random.values((bytes / storage.bytes()) as usize, low, high);
         if *storage == Storage::F16 {
             values.iter_mut().for_each(|value| *value = f16::from_f32(*value).to_f32());
         }

@@ -3,7 +3,7 @@
 use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 use vkdenoise::kernels::winograd::WinogradTile;
-use vkdenoise::net::{Arch, Folds};
+use vkdenoise::net::{Arch, Folds, Head};
 use vkdenoise::plan::{ConvAlgorithm, SeparableForm};
 use vkdenoise::{DeviceSelector, Extent, Precision, QuietMode, Region};
 
@@ -27,6 +27,9 @@ pub enum Command {
         /// Which network
         #[arg(long, value_name = "A", default_value = "hybrid", value_parser = Arch::NAMES)]
         arch: String,
+        /// How its last maps become the picture: residual, or predicted kernels, pure or gated with the residual
+        #[arg(long, value_name = "H", default_value = "residual")]
+        head: Head,
         /// Frame size
         #[arg(long, value_name = "WxH", default_value = "512x512", value_parser = size)]
         size: Extent,

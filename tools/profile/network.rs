@@ -7,7 +7,7 @@ use crate::session::Session;
 use crate::summary::Summary;
 use crate::{Failure, export, table};
 use serde_json::json;
-use vkdenoise::net::{Arch, DepthRule, ExposureRule, Preprocessing};
+use vkdenoise::net::{Arch, DepthRule, ExposureRule, Head, Preprocessing};
 use vkdenoise::vk::statistics::PipelineStatistic;
 use vkdenoise::{
     ActiveTiles, Denoiser, Error, Extent, Features, Frame, KernelRecord, Layout, Noise, NoiseKind, Options, Part,
@@ -149,8 +149,14 @@ pub fn measure(session: &Session, arch: &Arch, subject: &Subject, profile: bool)
 }
 
 /// The subcommand.
-pub fn network(session: &Session, name: &str, subject: &Subject, output: &Output) -> Result<(), Failure> {
+pub fn network(
+    session: &Session,
+    (name, head): (&str, Head),
+    subject: &Subject,
+    output: &Output,
+) -> Result<(), Failure> {
     let arch = Arch::named(name).ok_or_else(|| Failure(format!("there is no network called {name}")))?;
+    let arch = Arch { head, ..arch };
     let (extent, measured) = (subject.extent, measure(session, &arch, subject, true)?);
     let rows = rows::rows(&measured.runs, &session.roof);
     let title = format!("{name}, {}x{}", extent.width, extent.height);

@@ -1,7 +1,7 @@
 """Golden vectors: what PyTorch says a network computes, for the tests of other implementations.
 
     python -m vkdn.golden shipped FRAME.exr OUT WEIGHTS ...    the shipped weights on two crops of a real frame
-    python -m vkdn.golden random FRAME.exr OUT [--arch N] [--crop C]   hash weights (see hashweights.py), all networks
+    python -m vkdn.golden random FRAME.exr OUT [--arch N] [--head H] [--crop C]   hash weights (see hashweights.py)
 
 Weights are the float16 ones, the arithmetic is float64, results are float32. A crop counts as a whole frame: exposure and
 depth scale are its own and stand in the metadata as decimal strings. Tensors, per case prefix ("square." or "odd.", for random
@@ -10,7 +10,7 @@ weights none):
     color, albedo, normal [H, W, 3] f16, depth [H, W] f16    the planes, as a renderer writes them
     log_color [H, W, 3] f32                                  network input c
     aux [H, W, 7] f32                                        network input, albedo, normal, depth
-    residual.<architecture> [H, W, 3] f32                    network output less c, cropped
+    residual.<architecture>[.<head>] [H, W, 3] f32           network output less c, cropped
 """
 import argparse
 
@@ -19,7 +19,7 @@ import torch
 from safetensors.torch import save_file
 
 from . import hashweights, preprocess, weights
-from .arch import ARCHITECTURES
+from .arch import ARCHITECTURES, HEADS, with_head
 from .data import prepare
 from .images import read_planes
 from .model import Denoiser, pad, predict
@@ -71,8 +71,10 @@ def shipped(args):
 def random(args):
     case = Case(read_planes(args.frame), CROPS[args.crop])
     tensors = case.tensors()
-    for name in args.arch or ARCHITECTURES:
-        arch = ARCHITECTURES[name]
+    chosen = {name: ARCHITECTURES[name] for name in args.arch or ARCHITECTURES}
+    if args.head:
+        chosen = {f"{name}.{head}": with_head(arch, head) for name, arch in chosen.items() for head in args.head}
+    for name, arch in chosen.items():
         model = hashweights.fill(Denoiser(arch).eval(), args.seed)
         real = case.color.shape[2:]
         hashweights.check(model, pad(case.color, arch.multiple), pad(case.aux, arch.multiple), real)
@@ -87,6 +89,7 @@ def main():
     one.set_defaults(run=shipped)
     two = commands.add_parser("random")
     two.add_argument("--arch", action="append", choices=ARCHITECTURES, help="may be repeated; default: all ten")
+    two.add_argument("--head", action="append", choices=HEADS, help="may be repeated; default: the residual")
     two.add_argument("--crop", choices=CROPS, default="odd", help="square: 128x128, odd: 45x70, which the networks pad")
     two.add_argument("--seed", type=int, default=1)
     two.set_defaults(run=random)

@@ -1,0 +1,36 @@
+// Predicted kernels: means of taps by exp(logit) times the weight of what is read.
+
+const float LEAST_ALBEDO = 0.05;
+const float LEAST_RELIABILITY = 4.248354255291589e-18;   // exp(-40)
+const float NO_LOGIT = -1e30;
+
+// What radiance is divided by: the albedo, where there is any.
+vec3 demodulator(vec3 albedo) {
+    float has = clamp(max(albedo.x, max(albedo.y, albedo.z)) / LEAST_ALBEDO, 0.0, 1.0);
+    return has * max(albedo, vec3(LEAST_ALBEDO)) + (1.0 - has);
+}
+
+// exp(-softplus(x)), bounded.
+float reliability(float x) {
+    return max(1.0 / (1.0 + exp(clamp(x, -60.0, 60.0))), LEAST_RELIABILITY);
+}
+
+// A mean in the making: sums of weight times value, and of weight, the weights relative to that of the largest logit so far.
+struct Average {
+    vec4 sum;
+    float largest;
+};
+
+Average no_average() {
+    return Average(vec4(0.0), NO_LOGIT);
+}
+
+// With four more taps, each a value times its weight and the weight: none where that is 0.
+Average with_taps(Average average, vec4 logits, vec4 read[4]) {
+    vec4 counts = vec4(read[0].w, read[1].w, read[2].w, read[3].w);
+    logits = mix(vec4(NO_LOGIT), logits, greaterThan(counts, vec4(0.0)));
+    float largest = max(average.largest, max(max(logits.x, logits.y), max(logits.z, logits.w)));
+    vec4 shares = exp(logits - largest);
+    vec4 sum = average.sum * exp(average.largest - largest);
+    return Average(sum + shares.x * read[0] + shares.y * read[1] + shares.z * read[2] + shares.w * read[3], largest);
+}

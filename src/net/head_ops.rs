@@ -1,0 +1,90 @@
+//! The operations of a head of kernels ([`super::head`]).
+//!
+//! What every pixel predicts from is the sum of four Linears. Two of them are of maps at full size that the network makes
+//! first: they are applied there, so that one map of their sum is kept and not both maps.
+
+use super::builder::{Builder, Linear};
+use super::graph::{Activation, OpKind, Slice};
+use super::head::{HIDDEN, KERNEL_SIDE, KernelHead};
+
+/// The Linears of every level after the first.
+const LEVEL_NAMES: [(&str, &str); 4] =
+    [("mid", "out_mid"), ("low", "out_low"), ("deep", "out_deep"), ("neck", "out_neck")];
+
+/// What a head reads.
+pub(super) struct Inputs<'a> {
+    /// [`early`].
+    pub early: Slice,
+    /// The map of 2x2 pixels a token and those of each double side, from the decoder's or the bottleneck.
+    pub tokens: &'a [Slice],
+    /// The network's colour input.
+    pub color: Slice,
+    /// The network's auxiliary input.
+    pub aux: Slice,
+    /// The network's residual.
+    pub residual: Slice,
+}
+
+/// What F0 at full size adds to what pixels predict from.
+pub(super) fn early_f(b: &mut Builder, f: Slice) -> Slice {
+    b.linear(Linear::new("head.f0", vec![f], HIDDEN))
+}
+
+/// The same with X0's part.
+pub(super) fn early(b: &mut Builder, x: Slice, of_f: Slice) -> Slice {
+    b.linear(Linear { residual: Some(of_f), ..Linear::new("head.x0", vec![x], HIDDEN) })
+}
+
+/// The exposed radiance, three channels for each of `images`.
+pub(super) fn kernels(b: &mut Builder, head: &KernelHead, inputs: &Inputs, images: u32) -> Slice {
+    let &Inputs { early, tokens, color, aux, residual } = inputs;
+    let deeper = head.levels.len() - 1;
+    let vectors = 4 * images;
+    // Of every image the mean at full size by its share; then the albedo and the gate, and the other levels' shares.
+    let pixels = b.map("head.full", 1, vectors + 8);
+    let mut sums = vec![b.map("head.sums.2", 2, vectors)];
+    b.push(
+        "head.full".into(),
+        OpKind::PredictKernels {
+            head: "head".into(),
+            early,
+            tokens: tokens[0],
+            color,
+            residual,
+            albedo: aux.part(0, 3),
+            levels: head.levels.len() as u32,
+            output: pixels,
+            sums: sums[0],
+        },
+    );
+    for side in &head.levels[2..] {
+        let finer = sums[sums.len() - 1];
+        let coarser = b.map(&format!("head.sums.{side}"), *side, vectors);
+        b.push(format!("head.sums.{side}"), OpKind::Halve { input: finer, output: coarser.value });
+        sums.push(coarser);
+    }
+    // Level beside level: they do not wait for each other.
+    let names = &LEVEL_NAMES[..deeper];
+    let hidden: Vec<Slice> = names
+        .iter()
+        .zip(tokens)
+        .map(|((inner, _), map)| {
+            let linear = Linear::new(&format!("head.{inner}"), vec![*map], HIDDEN);
+            b.linear(Linear { activation: Activation::LeakyRelu, ..linear })
+        })
+        .collect();
+    let outs = names.iter().zip(&hidden);
+    let logits: Vec<Slice> = outs
+        .map(|((_, out), map)| b.linear(Linear::new(&format!("head.{out}"), vec![*map], KERNEL_SIDE * KERNEL_SIDE)))
+        .collect();
+    let mut means = Vec::new();
+    for ((side, logits), sums) in head.levels[1..].iter().zip(logits).zip(sums) {
+        let mean = b.map(&format!("head.level.{side}"), *side, vectors);
+        b.push(format!("head.level.{side}"), OpKind::ApplyKernels { logits, sums, output: mean.value });
+        means.push(mean);
+    }
+    let output = b.map("head.mix", 1, vectors);
+    let direct = head.gated.then_some((color, residual));
+    b.push("head.mix".into(), OpKind::MixLevels { pixels, levels: means, direct, output: output.value });
+    output
+}

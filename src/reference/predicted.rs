@@ -1,0 +1,248 @@
+//! Twins of the head of predicted kernels ([`crate::kernels::predicted`]).
+
+use super::Reference;
+use super::map::Map;
+use super::parameters::Parameters;
+use crate::kernels::predicted::{ApplyKernels, Halve, MixLevels, PredictKernels};
+use crate::net::head::{ALBEDO_SIDE, HIDDEN, KERNEL_SIDE, LEAST_ALBEDO, LOWEST_RELIABILITY};
+
+/// The slope of the leaky rectifier.
+const SLOPE: f64 = 0.01;
+
+/// The Linears of a pixel, each `[output][input]` and its biases.
+#[derive(Debug)]
+pub struct KernelWeights {
+    /// Of the tokens, outputs `[pixel of the token][hidden]`.
+    pub tok: Linear,
+    /// Of colour and direct estimate.
+    pub guess: Linear,
+    /// Logits, reliability, shares, gate, logits over albedo.
+    pub full: Linear,
+    /// Further shares; empty where there are none.
+    pub more: Linear,
+}
+
+/// A matrix row by row, and biases.
+#[derive(Debug, Default)]
+pub struct Linear {
+    /// `[output][input]`.
+    pub rows: Vec<Vec<f64>>,
+    /// One an output.
+    pub biases: Vec<f64>,
+}
+
+impl Linear {
+    fn apply(&self, input: &[f64]) -> Vec<f64> {
+        let rows = self.rows.iter().zip(&self.biases);
+        rows.map(|(row, bias)| bias + row.iter().zip(input).map(|(a, b)| a * b).sum::<f64>()).collect()
+    }
+}
+
+/// What is predicted of a pixel, and what others read of it.
+struct Pixel {
+    outputs: Vec<f64>,
+    more: Vec<f64>,
+    reliability: f64,
+    demodulator: [f64; 3],
+    image: [f64; 3],
+}
+
+/// The mean around `(x, y)` of `side` x `side` taps by `exp(logit)` times the weight that `read` gives with a value; taps outside
+/// `size` are left out. `None` where nothing has a weight.
+fn mean(
+    logits: &[f64],
+    side: u32,
+    (x, y): (usize, usize),
+    (width, height): (usize, usize),
+    read: impl Fn(usize, usize) -> ([f64; 3], f64),
+) -> Option<[f64; 3]> {
+    let (side, reach) = (side as usize, side as usize / 2);
+    let inside = |tap: usize| {
+        let (x, y) = ((x + tap % side).checked_sub(reach)?, (y + tap / side).checked_sub(reach)?);
+        (x < width && y < height).then(|| read(x, y))
+    };
+    let taps: Vec<_> = (0..side * side).filter_map(|tap| Some((logits[tap], inside(tap)?))).collect();
+    let taps: Vec<_> = taps.into_iter().filter(|(_, (_, weight))| *weight > 0.0).collect();
+    let most = taps.iter().map(|(logit, _)| *logit).fold(f64::MIN, f64::max);
+    let (mut sum, mut total) = ([0.0; 3], 0.0);
+    for (logit, (value, weight)) in &taps {
+        let share = (logit - most).exp() * weight;
+        total += share;
+        for (sum, value) in sum.iter_mut().zip(value) {
+            *sum += share * value;
+        }
+    }
+    (total > 0.0).then(|| sum.map(|sum| sum / total))
+}
+
+fn demodulator(albedo: &[f64]) -> [f64; 3] {
+    let most = albedo[0].max(albedo[1]).max(albedo[2]);
+    let has = (most / LEAST_ALBEDO).clamp(0.0, 1.0);
+    [0, 1, 2].map(|c| has * albedo[c].max(LEAST_ALBEDO) + (1.0 - has))
+}
+
+fn softmax(logits: &[f64]) -> Vec<f64> {
+    let most = logits.iter().copied().fold(f64::MIN, f64::max);
+    let shares: Vec<f64> = logits.iter().map(|logit| (logit - most).exp()).collect();
+    let sum: f64 = shares.iter().sum();
+    shares.into_iter().map(|share| share / sum).collect()
+}
+
+/// Kernels of every pixel, predicted and applied.
+pub fn predict_kernels(reference: &mut Reference, call: &PredictKernels) {
+    let [early, tokens, albedo, color, residual] =
+        [&call.early, &call.tokens, &call.albedo, &call.color, &call.residual].map(|view| reference.map(view));
+    let weights = match reference.parameters(call.weights) {
+        Parameters::Kernels(weights) => &**weights,
+        other => unreachable!("predict_kernels is given {other:?}"),
+    };
+    let (width, height, hidden) = (early.width, early.height, HIDDEN as usize);
+    let of_tokens: Vec<Vec<f64>> = tokens.values.chunks_exact(tokens.channels).map(|t| weights.tok.apply(t)).collect();
+    let predict = |i: usize| {
+        let (x, y) = (i % width, i / width);
+        let (c, r) = (&color.token(x, y)[..3], &residual.token(x, y)[..3]);
+        let guess: Vec<f64> = c.iter().copied().chain(c.iter().zip(r).map(|(c, r)| c + r)).collect();
+        let token = &of_tokens[y / 2 * tokens.width + x / 2][(y % 2 * 2 + x % 2) * hidden..][..hidden];
+        let sums = early.token(x, y).iter().zip(token).zip(weights.guess.apply(&guess));
+        let h: Vec<f64> = sums.map(|((a, b), c)| a + b + c).map(|sum| sum.max(SLOPE * sum)).collect();
+        let outputs = weights.full.apply(&h);
+        let softplus = outputs[25].max(0.0) + (-outputs[25].abs()).exp().ln_1p();
+        let demodulator = demodulator(albedo.token(x, y));
+        Pixel {
+            more: weights.more.apply(&h),
+            reliability: (-softplus).max(LOWEST_RELIABILITY).exp(),
+            image: [0, 1, 2].map(|channel| c[channel].exp_m1() / demodulator[channel]),
+            outputs,
+            demodulator,
+        }
+    };
+    let pixels: Vec<Pixel> = (0..width * height).map(predict).collect();
+    let extra = call.dst.channels as usize - call.sums.channels as usize;
+    let mut result = Map::zeros(width, height, call.dst.channels as usize);
+    for (i, out) in result.values.chunks_exact_mut(call.dst.channels as usize).enumerate() {
+        let (own, at) = (&pixels[i], (i % width, i / width));
+        let read = |x: usize, y: usize| (pixels[y * width + x].image, pixels[y * width + x].reliability);
+        let image = mean(&own.outputs[..25], KERNEL_SIDE, at, (width, height), read).unwrap_or_default();
+        let read = |x: usize, y: usize| (pixels[y * width + x].demodulator, 1.0);
+        let albedo = mean(&own.outputs[30..], ALBEDO_SIDE, at, (width, height), read).unwrap_or_default();
+        let shares = softmax(&[&own.outputs[26..29], &own.more[..]].concat());
+        out[..3].copy_from_slice(&image.map(|value| value * shares[0]));
+        out[3] = shares[0];
+        let after = out.len() - extra;
+        out[after..after + 3].copy_from_slice(&albedo);
+        out[after + 3] = 1.0 / (1.0 + (-own.outputs[29]).exp());
+        out[after + 4..after + 3 + shares.len()].copy_from_slice(&shares[1..]);
+    }
+    let mut sums = Map::zeros(tokens.width, tokens.height, call.sums.channels as usize);
+    for (i, pixel) in pixels.iter().enumerate() {
+        let at = (i / width / 2 * tokens.width + i % width / 2) * sums.channels;
+        for (channel, value) in pixel.image.iter().chain([&1.0]).enumerate() {
+            sums.values[at + channel] += 0.25 * pixel.reliability * value;
+        }
+    }
+    let tiles = reference.tiles(&call.tiles, call.tokens.width, call.tokens.height);
+    let of_tokens = by_tokens(&result);
+    let channels = result.channels;
+    reference.store(&of_tokens, &call.dst, &tiles, |x, y, c| {
+        (2 * x + c / channels % 2, 2 * y + c / channels / 2, c % channels)
+    });
+    reference.store(&sums, &call.sums, &tiles, |x, y, c| (x, y, c));
+}
+
+/// The pixels of 2x2 side by side, as the tiles are of tokens.
+fn by_tokens(pixels: &Map) -> Map {
+    let mut tokens = Map::zeros(pixels.width / 2, pixels.height / 2, 4 * pixels.channels);
+    for (y, x) in (0..pixels.height).flat_map(|y| (0..pixels.width).map(move |x| (y, x))) {
+        let at = (y / 2 * tokens.width + x / 2) * tokens.channels + (y % 2 * 2 + x % 2) * pixels.channels;
+        tokens.values[at..at + pixels.channels].copy_from_slice(pixels.token(x, y));
+    }
+    tokens
+}
+
+/// The mean of 2x2 tokens.
+pub fn halve(reference: &mut Reference, call: &Halve) {
+    let src = reference.map(&call.src);
+    let mut result = Map::zeros(src.width / 2, src.height / 2, src.channels);
+    for (y, x) in (0..src.height).flat_map(|y| (0..src.width).map(move |x| (y, x))) {
+        let at = (y / 2 * result.width + x / 2) * src.channels;
+        for (sum, value) in result.values[at..].iter_mut().zip(src.token(x, y)) {
+            *sum += 0.25 * value;
+        }
+    }
+    let tiles = reference.tiles(&call.tiles, call.dst.width, call.dst.height);
+    reference.store(&result, &call.dst, &tiles, |x, y, channel| (x, y, channel));
+}
+
+/// Kernels of every token over images.
+pub fn apply_kernels(reference: &mut Reference, call: &ApplyKernels) {
+    let (logits, sums) = (reference.map(&call.logits), reference.map(&call.sums));
+    let mut result = Map::zeros(sums.width, sums.height, sums.channels);
+    let size = (sums.width, sums.height);
+    for (i, out) in result.values.chunks_exact_mut(sums.channels).enumerate() {
+        let at = (i % size.0, i / size.0);
+        for (image, out) in out.chunks_exact_mut(4).enumerate() {
+            let read = |x: usize, y: usize| {
+                let sums = &sums.token(x, y)[4 * image..][..4];
+                ([0, 1, 2].map(|channel| sums[channel] / sums[3]), sums[3])
+            };
+            if let Some(mean) = mean(&logits.token(at.0, at.1)[..25], KERNEL_SIDE, at, size, read) {
+                out[..3].copy_from_slice(&mean);
+                out[3] = 1.0;
+            }
+        }
+    }
+    let tiles = reference.tiles(&call.tiles, call.dst.width, call.dst.height);
+    reference.store(&result, &call.dst, &tiles, |x, y, channel| (x, y, channel));
+}
+
+/// The levels to one picture.
+pub fn mix_levels(reference: &mut Reference, call: &MixLevels) {
+    let pixels = reference.map(&call.pixels);
+    let levels: Vec<Map> = call.levels.iter().map(|level| reference.map(level)).collect();
+    let direct = call.direct.map(|(color, residual)| [reference.map(&color), reference.map(&residual)]);
+    let mut result = Map::zeros(pixels.width, pixels.height, call.dst.channels as usize);
+    let (width, channels) = (result.width, result.channels);
+    for (i, out) in result.values.chunks_exact_mut(channels).enumerate() {
+        let (x, y) = (i % width, i / width);
+        let own = pixels.token(x, y);
+        let (images, extra) = own.split_at(channels);
+        for (image, out) in out.chunks_exact_mut(4).enumerate() {
+            let mut mixed = images[4 * image..][..4].to_vec();
+            for (level, share) in levels.iter().zip(&extra[4..]) {
+                let enlarged = enlarged(level, width / level.width, (x, y));
+                mixed.iter_mut().zip(&enlarged[4 * image..]).for_each(|(mixed, value)| *mixed += share * value);
+            }
+            for channel in 0..3 {
+                out[channel] = mixed[channel] / mixed[3] * extra[channel];
+                if let (Some([color, residual]), 0) = (&direct, image) {
+                    let direct = color.token(x, y)[channel] + residual.token(x, y)[channel];
+                    let averaged = out[channel].max(0.0).ln_1p();
+                    out[channel] = (direct + extra[3] * (averaged - direct)).exp_m1();
+                }
+            }
+        }
+    }
+    let tiles = reference.tiles(&call.tiles, call.dst.width, call.dst.height);
+    reference.store(&result, &call.dst, &tiles, |x, y, channel| (x, y, channel));
+}
+
+/// A level's channels at a pixel, bilinearly between the middles of its tokens of `side` pixels.
+fn enlarged(level: &Map, side: usize, (x, y): (usize, usize)) -> Vec<f64> {
+    let axis = |at: usize, size: usize| {
+        let middle = ((at as f64 + 0.5) / side as f64 - 0.5).clamp(0.0, (size - 1) as f64);
+        let first = middle.floor() as usize;
+        (first, (first + 1).min(size - 1), middle.fract())
+    };
+    let ((left, right, across), (top, bottom, down)) = (axis(x, level.width), axis(y, level.height));
+    let corners = [
+        (left, top, (1.0 - across) * (1.0 - down)),
+        (right, top, across * (1.0 - down)),
+        (left, bottom, (1.0 - across) * down),
+        (right, bottom, across * down),
+    ];
+    let mut out = vec![0.0; level.channels];
+    for (x, y, share) in corners {
+        out.iter_mut().zip(level.token(x, y)).for_each(|(out, value)| *out += share * value);
+    }
+    out
+}

@@ -1,0 +1,113 @@
+//! The kernels of the head of predicted kernels against their f64 twins: random shapes, channel ranges, rectangles and lists of
+//! tiles, frames down to one tile.
+
+mod common;
+
+use common::case::{Cases, KERNEL_LIMIT, PREPROCESSING};
+use common::dense::size;
+use vkdenoise::kernels::predicted::{ApplyKernels, Halve, MixLevels, PredictKernels};
+use vkdenoise::kernels::{Call, Storage, View};
+use vkdenoise::net::{Arch, Head, Weights};
+use vkdenoise::plan::pack::Pack;
+
+fn cases(head: Head) -> Cases {
+    Cases::new(11, Weights::hashed(&Arch { head, ..Arch::hybrid() }, PREPROCESSING, 3).unwrap())
+}
+
+/// A map in 32-bit floats whatever others are stored as.
+fn full(cases: &mut Cases, make: impl FnOnce(&mut Cases) -> View) -> View {
+    let storage = std::mem::take(&mut cases.storage);
+    let view = make(cases);
+    cases.storage = storage;
+    view
+}
+
+#[test]
+fn predict_kernels() {
+    for storage in [Storage::F32, Storage::F16] {
+        for (levels, head) in [(3, Head::gated()), (5, Head::pure())] {
+            let mut cases = cases(head);
+            cases.storage = storage;
+            for case in 0..10 {
+                let tokens = size(&mut cases, 8);
+                let pixels = (2 * tokens.0, 2 * tokens.1);
+                // Hidden numbers of some tens have reliabilities beyond what a float holds.
+                let scale = if case == 0 { 60.0 } else { 2.0 };
+                let call = PredictKernels {
+                    early: cases.map(pixels, 32, scale),
+                    tokens: cases.map(tokens, 32, 2.0),
+                    albedo: cases.map(pixels, 4, 1.2),
+                    color: full(&mut cases, |cases| cases.map_between(pixels, 4, 0.0, 0.7)),
+                    residual: full(&mut cases, |cases| cases.map(pixels, 4, 0.5)),
+                    weights: cases.pack(Pack::Kernels { head: "head".into(), levels }),
+                    dst: full(&mut cases, |cases| cases.target(pixels, 12)),
+                    sums: full(&mut cases, |cases| cases.target(tokens, 4)),
+                    tiles: cases.tiles(tokens),
+                };
+                let (dst, sums) = (call.dst.buffer, call.sums.buffer);
+                cases.add(Call::PredictKernels(call.clone()), dst);
+                cases.add(Call::PredictKernels(call), sums);
+            }
+            cases.check(&format!("predict_kernels of {levels} levels, {storage:?}"), KERNEL_LIMIT);
+        }
+    }
+}
+
+#[test]
+fn halve() {
+    let mut cases = cases(Head::gated());
+    for channels in [4, 8, 12].repeat(4) {
+        let small = size(&mut cases, 8);
+        let (src, dst) = (cases.map((2 * small.0, 2 * small.1), channels, 3.0), cases.target(small, channels));
+        let tiles = cases.tiles(small);
+        cases.add(Call::Halve(Halve { src, dst, tiles }), dst.buffer);
+    }
+    cases.check("halve", KERNEL_LIMIT);
+}
+
+/// Weights of the sums that are negative do not count, as those of zero.
+#[test]
+fn apply_kernels() {
+    for storage in [Storage::F32, Storage::F16] {
+        let mut cases = cases(Head::gated());
+        cases.storage = storage;
+        for channels in [4, 8].repeat(5) {
+            let size = size(&mut cases, 8);
+            let logits = cases.map(size, 28, 4.0);
+            let sums = full(&mut cases, |cases| cases.map_between(size, channels, -0.1, 1.0));
+            let dst = full(&mut cases, |cases| cases.target(size, channels));
+            let tiles = cases.tiles(size);
+            cases.add(Call::ApplyKernels(ApplyKernels { logits, sums, dst, tiles }), dst.buffer);
+        }
+        // Where nothing counts there is nothing.
+        let logits = cases.map((16, 8), 28, 4.0);
+        let sums = full(&mut cases, |cases| cases.map_between((16, 8), 4, -1.0, 0.0));
+        let dst = full(&mut cases, |cases| cases.target((16, 8), 4));
+        let tiles = cases.tiles((16, 8));
+        cases.add(Call::ApplyKernels(ApplyKernels { logits, sums, dst, tiles }), dst.buffer);
+        cases.check(&format!("apply_kernels, {storage:?}"), KERNEL_LIMIT);
+    }
+}
+
+#[test]
+fn mix_levels() {
+    let mut cases = cases(Head::pure());
+    for (levels, channels, gated) in [(2, 4, true), (4, 4, false), (4, 8, true), (2, 12, false)].repeat(4) {
+        let (width, height) = size(&mut cases, 8);
+        // The coarsest level has tiles of its own.
+        let grain = 1u32 << levels;
+        let pixels = (width * grain, height * grain);
+        let map =
+            |cases: &mut Cases, side: u32| cases.map_between((pixels.0 / side, pixels.1 / side), channels, 0.05, 1.0);
+        let call = MixLevels {
+            levels: (1..=levels).map(|level| map(&mut cases, 1 << level)).collect(),
+            pixels: cases.map_between(pixels, channels + 8, 0.05, 1.0),
+            direct: gated.then(|| (cases.map_between(pixels, 4, 0.0, 2.0), cases.map(pixels, 4, 0.5))),
+            dst: cases.target(pixels, channels),
+            tiles: cases.tiles(pixels),
+        };
+        let dst = call.dst.buffer;
+        cases.add(Call::MixLevels(call), dst);
+    }
+    cases.check("mix_levels", KERNEL_LIMIT);
+}
