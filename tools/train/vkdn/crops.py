@@ -4,6 +4,7 @@ so that it can stand inside a CUDA graph. What is changed at random is that of d
 A crop has a reference and several noisy renders, in rows of the store: one for each of LEVELS samples a pixel and, of `hard` crops,
 as many more in which paths find lights by chance alone, so that most pixels are black and a few very bright.
 """
+import itertools
 import math
 from dataclasses import dataclass
 
@@ -35,9 +36,9 @@ class Changes:
     exposure_crop: float = 1.0
     depth: float = 0.2
     depth_crop: float = 0.7
-    hard: float = 0.15  # chance of extreme noise: few bright samples among black ones
+    hard: float = 0.12  # chance of extreme noise: few bright samples among black ones
     hard_exposure: float = 1.5  # jitter there: the key of such a frame is a matter of luck
-    grain: float = 0.15  # chance of noisy features
+    grain: float = 0.12  # chance of noisy features
     real: float = 0.35  # share of rendered crops of real scenes where there are procedural ones
 
 
@@ -127,8 +128,8 @@ class Batches:
     def __init__(self, store, size, changes=Changes()):
         self.store, self.size, self.changes = store, size, changes
         to = lambda values: torch.tensor(values, device=store.device)
-        chances = torch.tensor([n**changes.favour for n in LEVELS])
-        self.below = (chances.cumsum(0) / chances.sum())[:-1].tolist()
+        chances = list(itertools.accumulate(n**changes.favour for n in LEVELS))
+        self.below = [chance / chances[-1] for chance in chances[:-1]]
         self.samples = to([float(n) for n in LEVELS])
         tints = to([[0, 1, 2], [0, 2, 1], [1, 0, 2], [1, 2, 0], [2, 0, 1], [2, 1, 0]])
         rest = torch.arange(6, 10, device=store.device).expand(6, 4)

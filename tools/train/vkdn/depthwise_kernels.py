@@ -3,7 +3,7 @@ import triton
 import triton.language as tl
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["P", "H", "W"])
 def convolve(x, taps, bias, out, P, H, W, C, BIAS: tl.constexpr, BP: tl.constexpr, BC: tl.constexpr):
     """out = bias + sum over the nine taps [9, C] of tap * x of the neighbour, zeros outside each image of H x W pixels."""
     p = tl.program_id(0) * BP + tl.arange(0, BP)
@@ -22,7 +22,7 @@ def convolve(x, taps, bias, out, P, H, W, C, BIAS: tl.constexpr, BP: tl.constexp
     tl.store(out + p[:, None] * C + c[None, :], total.to(out.dtype.element_ty), mask=(p < P)[:, None])
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["P", "H", "W", "ROUNDS"])
 def sums(x, grad, out, P, H, W, C, ROUNDS, BP: tl.constexpr, BC: tl.constexpr):
     """out[part, 10, C]: sums over a part's pixels of grad times the neighbour at each of the nine taps, then of grad alone."""
     c = tl.program_id(1) * BC + tl.arange(0, BC)

@@ -54,8 +54,11 @@ class Fit:
         gains = layout.vector(lambda name: options.head_gain if name.startswith("head.") else 1)
         self.optimizer = Optimizer(layout, self.weights, self.gradient, gains)
         self.batches = Batches(store, options.batch, options.changes)
+        self.inputs = self.batches.batch()
+        self.beside = torch.cuda.Stream() if self.device.type == "cuda" else None
         self.keep = torch.zeros((), device=self.device)
         self.sums = torch.zeros(4, device=self.device)  # loss, error, gradient norm, steps
+        self.means = [0.0, 0.0, 0.0]
         self.graph, self.steps = None, 0
 
     def network_of(self, model, flat, exact):
@@ -66,11 +69,26 @@ class Fit:
             table[name].data = wide if name.endswith("bias_table") else piece
         return network
 
+    def next_batch(self):
+        """The next step's inputs, made on a stream of its own while this step computes."""
+        if self.beside is None:
+            return self.batches.batch()
+        self.beside.wait_stream(torch.cuda.current_stream())
+        with torch.cuda.stream(self.beside):
+            return self.batches.batch()
+
+    def take(self, following):
+        if self.beside is not None:
+            torch.cuda.current_stream().wait_stream(self.beside)
+        for ours, new in zip(self.inputs, following):
+            ours.copy_(new)
+
     def step(self):
         options = self.options
         if self.working is not self.weights:
             self.working.copy_(self.weights)
-        c, aux, target = self.batches.batch()
+        following = self.next_batch()
+        c, aux, target = self.inputs
         errors = relative_l2(self.network(c, aux), target, options.delta, options.bright)
         loss = balanced(errors, options.knee)
         gradients = torch.autograd.grad(loss, self.parameters, allow_unused=True)
@@ -80,6 +98,7 @@ class Fit:
             torch._foreach_copy_([ours for ours, _ in pairs], [g for _, g in pairs])
             norm = self.optimizer.step()
             self.averaged.lerp_(self.weights, 1 - self.keep)
+            self.take(following)
             self.sums.add_(torch.stack([loss.detach(), errors.detach().mean(), norm, torch.ones_like(norm)]))
 
     def capture(self):
@@ -138,7 +157,9 @@ class Fit:
         """What happened since the last call; waits for the device."""
         *sums, count = self.sums.tolist()
         self.sums.zero_()
-        loss, error, norm = (s / max(count, 1) for s in sums)
+        if count:
+            self.means = [total / count for total in sums]
+        loss, error, norm = self.means
         return {
             "step": self.steps,
             "seconds": round(seconds, 1),

@@ -12,7 +12,7 @@ REFERENCE_SAMPLES = 256
 NOISIEST_REFERENCE = 0.25  # log rms
 DARKEST = 1e-3
 CANDIDATES = 3.2  # random views for one worth rendering
-AHEAD = 0.5  # seconds of rendering a launch
+AHEAD = 3.0  # seconds of rendering at once: many crops fill a GPU to the end better than few
 
 
 def tracer(folder, device):

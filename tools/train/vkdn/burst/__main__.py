@@ -55,7 +55,7 @@ def supervise(args, run):
             if trainer and trainer.poll() is not None:
                 say(f"trainer ended with {trainer.returncode}")
                 if trainer.returncode != 0:
-                    run.note_failure(run.state()["current"])
+                    run.note_failure()
                 trainer = None
             if trainer is None:
                 state = run.state()

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 STATE = "state.json"
+START = "start"
 
 
 def say(*words):
@@ -37,7 +38,7 @@ class Run:
         return sorted(self.work.glob("crops*.pt"))
 
     def state(self):
-        """{"done": [name], "failures": {name: how often}, "current": name or None}"""
+        """{"done": [name], "failures": {name: how often}, "current": name or None}; failures of START came before any training"""
         return json.loads((self.work / STATE).read_text())
 
     def change(self, **changes):
@@ -45,11 +46,11 @@ class Run:
         beside.write_text(json.dumps(self.state() | changes))
         os.replace(beside, self.work / STATE)
 
-    def note_failure(self, name):
+    def note_failure(self):
+        """Of the training that was current, or of the start before there was one."""
         state = self.state()
-        if name and name not in state["done"]:
-            state["failures"][name] = state["failures"].get(name, 0) + 1
-            self.change(failures=state["failures"])
+        name = state["current"] or START
+        self.change(failures=state["failures"] | {name: state["failures"].get(name, 0) + 1})
 
     def log(self, **record):
         with open(self.out / "log.jsonl", "a") as file:

@@ -8,7 +8,7 @@ import torch
 from ..procedural import Generator
 from .common import parse_role, say
 
-SECONDS_A_FILE = 4.0
+SECONDS_A_FILE = 6.0
 
 
 def save(crops, path):

@@ -13,7 +13,7 @@ from ..fit import Fit, Options
 from ..held_out import HeldOut
 from ..model import Denoiser
 from .common import parse_role, say
-from .depthwise_choice import choose_depthwise
+from .kernel_choice import choose
 
 OVERHEAD = 6.0  # seconds for starting a training, until one has been measured
 LEAVE = 2.0
@@ -27,8 +27,8 @@ def precise(yes):
     torch.backends.cuda.matmul.allow_tf32 = not yes
 
 
-def load(run, device):
-    """The store of crops and the held-out views. Waits for the generator."""
+def load(run, device, meanwhile):
+    """The store of crops and the held-out views. Calls `meanwhile` and waits for the generator."""
     began = time.time()
     views = packs.read(run.plan["pack"], min(16, os.cpu_count() or 1), run.plan.get("views"))
     held = HeldOut([v for v in views if v[0]["held"]], device)
@@ -36,6 +36,7 @@ def load(run, device):
     store = Store(device)
     store.add(real["color"], real["features"], real["reference"], real["depth_scale"], False, real["known"])
     say(f"{len(views)} views after {time.time() - began:.1f} s")
+    meanwhile()
     while not run.generated.exists():
         run.beat.touch()
         time.sleep(0.1)
@@ -72,7 +73,7 @@ def start_of(entry, run):
 class Training:
     """One entry of the plan."""
 
-    def __init__(self, entry, run, store, held, careful):
+    def __init__(self, entry, run, store, held, graph):
         self.entry, self.run, self.store, self.held = entry, run, store, held
         plan = run.plan
         self.options = Options(
@@ -83,9 +84,9 @@ class Training:
             changes=Changes(**plan.get("changes", {})),
         )
         self.fit = Fit(start_of(entry, run), store, self.options)
-        self.mode = "careful" if careful else "eager"
+        self.mode = "eager"
         self.note(self.fit.facts(0, 0))
-        if not careful and store.device.type == "cuda" and self.fit.capture():
+        if graph and store.device.type == "cuda" and self.fit.capture():
             self.mode = "graph"
 
     def note(self, facts):
@@ -130,11 +131,12 @@ def main():
         torch.set_num_threads(run.plan["threads"])
     precise(False)
     torch.backends.cudnn.benchmark_limit = 6
-    store, held = load(run, device)
     state = run.state()
-    careful = sum(state["failures"].values()) > 1
-    if not careful:
-        choose_depthwise(run, device, run.plan["batch"])
+    # After a failure nothing runs in Triton, after a training's second one it runs without a graph.
+    consider = lambda: None if state["failures"] else choose(run, device, run.plan["batch"])
+    # Once for compiling while crops are made, and once more for the times when the device is free.
+    store, held = load(run, device, consider)
+    consider()
     overhead = OVERHEAD
     entries = [e for e in run.plan["trainings"] if e["name"] not in state["done"]]
     for i, entry in enumerate(entries):
@@ -147,7 +149,7 @@ def main():
         run.change(current=entry["name"])
         try:
             begin = time.time()
-            training = Training(entry, run, store, held, careful or tries > 0)
+            training = Training(entry, run, store, held, graph=tries < 2)
             overhead = max(2.0, min(20.0, time.time() - begin))
             say(f"{entry['name']}: {training.mode}, {seconds:.1f} s, started in {overhead:.1f} s")
             most = run.plan.get("most_steps", float("inf"))
