@@ -61,7 +61,8 @@ impl HostPass {
         let (input, output) = (input_bytes(&plan), output_bytes(&plan));
         let in_device = match device.caps().kind {
             DeviceKind::DiscreteGpu | DeviceKind::VirtualGpu => {
-                let planes = [("input planes in the device", input), ("output plane in the device", plane_bytes(extent))];
+                let planes =
+                    [("input planes in the device", input), ("output plane in the device", plane_bytes(extent))];
                 let [input, output] =
                     planes.map(|(name, bytes)| Buffer::new(device, name, bytes, MemoryLocation::GpuOnly));
                 Some([input?, output?])

@@ -51,9 +51,9 @@ impl Pipelines {
     pub fn statistics(&self) -> Result<Vec<PipelineStatistic>> {
         let made = self.made();
         let sorted: BTreeMap<_, _> = made.iter().collect();
-        let of_each = sorted.into_iter().map(|((variant, special), pipeline)| {
-            of_pipeline(&self.device, &format!("{variant}{special}"), pipeline)
-        });
+        let of_each = sorted
+            .into_iter()
+            .map(|((variant, special), pipeline)| of_pipeline(&self.device, &format!("{variant}{special}"), pipeline));
         Ok(of_each.collect::<Result<Vec<_>>>()?.concat())
     }
 

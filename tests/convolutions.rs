@@ -117,8 +117,7 @@ fn conv3x3_with_shuffles() {
 fn conv3x3_on_matrices() {
     let mut cases = dense_cases(4);
     (cases.storage, cases.arithmetic) = (Storage::F16, Arithmetic::Matrices);
-    let plain =
-        [(3, 32), (32, 64), (32, 32), (4, 20), (3, 100), (16, 8), (64, 36), (48, 128), (80, 100)];
+    let plain = [(3, 32), (32, 64), (32, 32), (4, 20), (3, 100), (16, 8), (64, 36), (48, 128), (80, 100)];
     for channels in worth_compiling(&plain, 2).repeat(3) {
         add_conv(&mut cases, channels, 1, Shuffle::None);
     }

@@ -116,13 +116,14 @@ fn every_size_is_the_reference() {
 /// Kernels alone average: a constant stays what it is, and black is black, whatever the features say.
 #[test]
 fn kernels_alone_keep_a_constant_and_black() {
-    let weights = weights(&Head::pure());
     let extent = Extent::new(150, 90);
-    for precision in [Precision::F32, Precision::F16] {
+    let precisions = [Precision::F32, Precision::F16];
+    let all = [weights(&Head::pure()), Weights::hybrid_kernels().unwrap()];
+    for (weights, precision) in all.iter().flat_map(|weights| precisions.map(|precision| (weights, precision))) {
         if precision == Precision::F16 && !Bench::can_store_halves(device()) {
             continue;
         }
-        let mut denoiser = Denoiser::new(device(), &weights, &Options { precision, ..Options::default() }).unwrap();
+        let mut denoiser = Denoiser::new(device(), weights, &Options { precision, ..Options::default() }).unwrap();
         let noisy = TestFrame::random(extent, 3);
         let grey = TestPlane::packed(extent, 3, [0.31, 0.02, 0.9].repeat(extent.pixels() as usize));
         for albedo in [None, Some(grey)] {

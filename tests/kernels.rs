@@ -233,10 +233,9 @@ fn aux_projection_on_matrices() {
             let inputs = if i == 0 { 7 } else { 32 };
             cases.dense_pack(linear(format!("aux_proj.{i}.pointwise"), 0..inputs, inputs, true))
         });
-        let depthwise = each
-            .map(|i| cases.pack(Pack::Depthwise { weight: format!("aux_proj.{i}.depthwise"), channels: 32 }));
-        let out =
-            each.map(|i| cases.dense_pack(linear("aux_proj.out".into(), 32 * i..32 * i + 32, 96, i == 2)));
+        let depthwise =
+            each.map(|i| cases.pack(Pack::Depthwise { weight: format!("aux_proj.{i}.depthwise"), channels: 32 }));
+        let out = each.map(|i| cases.dense_pack(linear("aux_proj.out".into(), 32 * i..32 * i + 32, 96, i == 2)));
         // It takes no lists.
         let tiles = loop {
             match cases.tiles(size) {

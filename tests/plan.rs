@@ -181,7 +181,8 @@ fn bands_cost_little_work() {
     };
     // Bands of halves are smaller.
     for (storage, most) in [(Storage::F32, 1.03), (Storage::F16, 1.06)] {
-        let share = flops(max_chain_bytes(storage, Arithmetic::Floats) * Storage::F32.bytes() / storage.bytes()) / flops(u64::MAX);
+        let share = flops(max_chain_bytes(storage, Arithmetic::Floats) * Storage::F32.bytes() / storage.bytes())
+            / flops(u64::MAX);
         println!("{storage:?}: {share:.4}");
         assert!((1.001..most).contains(&share), "{storage:?}: {share}");
     }
@@ -215,7 +216,8 @@ fn dense_kernels_have_a_variant_on_matrices() {
     let variants = Variants { cpu: false, images: false, output_half: false };
     for name in Arch::NAMES {
         let graph = Graph::new(&Arch::named(name).unwrap()).unwrap();
-        let plan = plan(&graph, Extent::new(128, 128), &PlanOptions::for_gpu(Storage::F16, Arithmetic::Matrices)).unwrap();
+        let plan =
+            plan(&graph, Extent::new(128, 128), &PlanOptions::for_gpu(Storage::F16, Arithmetic::Matrices)).unwrap();
         let (mut on_matrices, mut dense) = (0, 0);
         for dispatch in &plan.dispatches {
             let contract = dispatch.call.kernel().contract(variants);

@@ -1,8 +1,8 @@
 //! A kernel with its arguments, whichever it is.
 
 use super::{
-    Kernel, Tiles, View, aux_projection, dense, expand, film, frame_io, maps, predicted, quiet, separable, stats, unembed,
-    window_attention, winograd,
+    Kernel, Tiles, View, aux_projection, dense, expand, film, frame_io, maps, predicted, quiet, separable, stats,
+    unembed, window_attention, winograd,
 };
 
 /// One kernel with its arguments.

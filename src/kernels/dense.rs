@@ -5,8 +5,8 @@ use super::contracts::{self, halves};
 use super::on_matrices;
 use super::pushes::{Conv3x3Push, LinearPush};
 use super::{
-    Activation, Addresses, Arithmetic, BufferId, Kernel, PushBytes, Shuffle, Storage, TexelRange, Tiles, Traffic, Variants, View,
-    activation_flag, by_storage, flags, groups,
+    Activation, Addresses, Arithmetic, BufferId, Kernel, PushBytes, Shuffle, Storage, TexelRange, Tiles, Traffic,
+    Variants, View, activation_flag, by_storage, flags, groups,
 };
 
 /// Output channels of one workgroup, and what the packer pads the weights to.
@@ -236,7 +236,8 @@ impl Linear {
 
     fn on_matrices(&self) -> Option<Specialisation> {
         let special = on_matrices::linear(self.inputs(), self.dst.channels, self.norm)?;
-        let fits = self.dst.storage == Storage::F16 && on_matrices::can_load([&self.src].into_iter().chain(&self.src_b));
+        let fits =
+            self.dst.storage == Storage::F16 && on_matrices::can_load([&self.src].into_iter().chain(&self.src_b));
         fits.then_some(special)
     }
 

@@ -4,8 +4,8 @@ use super::contract::{Contract, Specialisation};
 use super::contracts::{self, halves};
 use super::pushes::{Depthwise3x3Push, LayerNormPush};
 use super::{
-    Activation, Addresses, BufferId, Kernel, PushBytes, TILE, TexelRange, Tiles, Traffic, Variants, View, activation_flag,
-    by_storage, groups,
+    Activation, Addresses, BufferId, Kernel, PushBytes, TILE, TexelRange, Tiles, Traffic, Variants, View,
+    activation_flag, by_storage, groups,
 };
 
 /// Channels of one workgroup of the depthwise kernel.

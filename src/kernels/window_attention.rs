@@ -5,8 +5,8 @@ use super::contracts::{self, halves};
 use super::on_matrices;
 use super::pushes::WindowAttentionPush;
 use super::{
-    Addresses, Arithmetic, BufferId, Kernel, PushBytes, Storage, TexelRange, Tiles, Traffic, Variants, View, by_storage,
-    groups,
+    Addresses, Arithmetic, BufferId, Kernel, PushBytes, Storage, TexelRange, Tiles, Traffic, Variants, View,
+    by_storage, groups,
 };
 
 /// Head by head: `softmax((Q K^T / sqrt(d) + B) * (Qf Kf^T / sqrt(d) + B)) V`, the product element by element.

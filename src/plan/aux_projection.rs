@@ -35,10 +35,17 @@ impl Lowering<'_> {
         let flops = ops.iter().map(|op| self.flops(op)).sum();
         let calls: Vec<Call> = ops.iter().map(|op| self.op(op)).collect();
         let [
-            Call::Linear(first), Call::Depthwise3x3(d0), Call::Linear(o0),
-            Call::Linear(p1), Call::Depthwise3x3(d1), Call::Linear(o1),
-            Call::Linear(p2), Call::Depthwise3x3(d2), Call::Linear(o2),
-        ] = &calls[..] else {
+            Call::Linear(first),
+            Call::Depthwise3x3(d0),
+            Call::Linear(o0),
+            Call::Linear(p1),
+            Call::Depthwise3x3(d1),
+            Call::Linear(o1),
+            Call::Linear(p2),
+            Call::Depthwise3x3(d2),
+            Call::Linear(o2),
+        ] = &calls[..]
+        else {
             return None;
         };
         let dense = [first, o0, p1, o1, p2, o2];

@@ -51,7 +51,9 @@ impl Lowering<'_> {
                 };
                 conv.arithmetic = self.arithmetic(conv.fits_matrices());
                 let tile = match conv.arithmetic {
-                    Arithmetic::Floats => shape.and_then(|shape| form(shape).tile()).filter(|_| src.storage == dst.storage),
+                    Arithmetic::Floats => {
+                        shape.and_then(|shape| form(shape).tile()).filter(|_| src.storage == dst.storage)
+                    }
                     Arithmetic::Matrices => None,
                 };
                 let pack = conv_pack(weight, *bias, (input.channels, channels), *shuffle, tile);

@@ -160,7 +160,9 @@ impl Pack {
     /// The biases and rows of a dense matrix; of other packs none.
     fn rows(&self) -> Rows {
         let (rows, outputs, tile) = match self {
-            Self::Conv3x3 { inputs, outputs, .. } => (9 * inputs.next_multiple_of(4), *outputs, conv_tile_channels(*outputs)),
+            Self::Conv3x3 { inputs, outputs, .. } => {
+                (9 * inputs.next_multiple_of(4), *outputs, conv_tile_channels(*outputs))
+            }
             Self::Linear(w) => ((w.columns.len() as u32).next_multiple_of(4), linear_outputs(w), TILE_CHANNELS),
             _ => (0, 0, TILE_CHANNELS),
         };

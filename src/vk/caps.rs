@@ -1,7 +1,7 @@
 //! What a device can do, and what the denoiser needs of it.
 
 use super::matrix::{self, MatrixShape};
-use crate::kernels::contract::{ConstantValue, Specialisation, Need, Sharing};
+use crate::kernels::contract::{ConstantValue, Need, Sharing, Specialisation};
 use crate::kernels::contracts::MATRIX_SUBGROUPS;
 use ash::vk;
 use std::fmt;

@@ -167,6 +167,9 @@ mod tests {
         ];
         assert_eq!(choose(&shapes, 32), None);
         shapes.extend([(16, 8, 8), (16, 16, 16), (16, 8, 16)].map(|size| listed(size, half, float)));
-        assert_eq!(choose(&shapes, 32), Some(MatrixShape { rows: 16, columns: 16, depth: 16, subgroup: 32, halves: 1 }));
+        assert_eq!(
+            choose(&shapes, 32),
+            Some(MatrixShape { rows: 16, columns: 16, depth: 16, subgroup: 32, halves: 1 })
+        );
     }
 }

@@ -66,12 +66,16 @@ impl Target {
             return Ok(target);
         }
         let text = std::fs::read_to_string(name).map_err(|error| {
-            Failure(format!("--target {name}: {error}; give h100, mid-range, device or a JSON file with a target's fields"))
+            Failure(format!(
+                "--target {name}: {error}; give h100, mid-range, device or a JSON file with a target's fields"
+            ))
         })?;
         let target: Self = serde_json::from_str(&text).map_err(|error| Failure(format!("--target {name}: {error}")))?;
         let rates = [Some(target.gflop_per_second), target.matrix_gflop_per_second, Some(target.gb_per_second)];
         let times = [target.barrier_us, target.dispatch_us];
-        if rates.into_iter().flatten().any(|rate| !(rate.is_finite() && rate > 0.0)) || times.iter().any(|us| !(*us >= 0.0)) {
+        if rates.into_iter().flatten().any(|rate| !(rate.is_finite() && rate > 0.0))
+            || times.iter().any(|us| !(*us >= 0.0))
+        {
             return Err(Failure(format!("--target {name}: rates must be above 0 and times not below it")));
         }
         Ok(target)
@@ -173,7 +177,13 @@ fn sums(rows: &[Row]) -> Vec<Row> {
 }
 
 /// The subcommand.
-pub fn plan_of(name: &str, extent: Extent, precision: Precision, target: &Target, as_json: bool) -> Result<(), Failure> {
+pub fn plan_of(
+    name: &str,
+    extent: Extent,
+    precision: Precision,
+    target: &Target,
+    as_json: bool,
+) -> Result<(), Failure> {
     let arch = Arch::named(name).ok_or_else(|| Failure(format!("there is no network called {name}")))?;
     let graph = Graph::new(&arch).map_err(|error| Failure(error.to_string()))?;
     let plan = plan(&graph, extent, &target.options(precision)?)?;
@@ -199,7 +209,8 @@ pub fn plan_of(name: &str, extent: Extent, precision: Precision, target: &Target
     let head = |first: &[&str]| vec![first.iter().chain(&rates).map(|cell| cell.to_string()).collect::<Vec<_>>()];
     let mut lines = head(&["stage", "layer", "variant", "shape", "groups"]);
     for row in &rows {
-        let first = [row.stage.clone(), row.layer.clone(), row.variant.into(), row.shape.clone(), row.groups.to_string()];
+        let first =
+            [row.stage.clone(), row.layer.clone(), row.variant.into(), row.shape.clone(), row.groups.to_string()];
         lines.push(first.into_iter().chain(row.numbers()).collect());
     }
     println!("{}", table::aligned(&lines, 4));

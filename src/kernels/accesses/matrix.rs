@@ -93,8 +93,7 @@ pub(super) fn window_attention(call: &WindowAttention) -> Accesses {
                 + scores / 2
                 + SUBGROUPS * TOKENS * values / 8
                 + TOKENS * values / 4),
-        shared_stores: windows
-            * (TOKENS * (4 * padded + values) / 8 + scores + scores / 2 + TOKENS * values / 4),
+        shared_stores: windows * (TOKENS * (4 * padded + values) / 8 + scores + scores / 2 + TOKENS * values / 4),
     }
 }
 
@@ -137,4 +136,3 @@ pub(super) fn aux_projection(groups: [u32; 3]) -> Accesses {
         shared_stores: groups * (shared_stores + 2 * size(REACH) + results),
     }
 }
-

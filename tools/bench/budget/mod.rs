@@ -66,7 +66,8 @@ pub fn measure(
     for (i, dispatch) in plan.dispatches[..end].iter().enumerate() {
         reference.run_dispatch(i);
         if let Some(view) = dispatch.call.result() {
-            let found = elements(bench.download(view.buffer, plan.buffer(view.buffer).bytes as usize / 4), view.storage);
+            let found =
+                elements(bench.download(view.buffer, plan.buffer(view.buffer).bytes as usize / 4), view.storage);
             let mut line = compare(dispatch, view, &found, &reference.view(view), variants);
             if let Call::WindowAttention(attention) = &dispatch.call {
                 line.scores = Some(scores(&reference, &plan, attention, weights)?);
