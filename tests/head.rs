@@ -204,7 +204,7 @@ fn bands_and_features_make_no_difference() {
 
 /// Squares of 16 pixels that are to be denoised.
 fn active(x: u32, y: u32) -> bool {
-    (x * 7 + y * 5) % 23 == 0
+    (x * 7 + y * 5).is_multiple_of(23)
 }
 
 #[test]

@@ -74,7 +74,7 @@ impl Target {
         let rates = [Some(target.gflop_per_second), target.matrix_gflop_per_second, Some(target.gb_per_second)];
         let times = [target.barrier_us, target.dispatch_us];
         if rates.into_iter().flatten().any(|rate| !(rate.is_finite() && rate > 0.0))
-            || times.iter().any(|us| !(*us >= 0.0))
+            || times.iter().any(|us| us.is_nan() || *us < 0.0)
         {
             return Err(Failure(format!("--target {name}: rates must be above 0 and times not below it")));
         }
