@@ -36,6 +36,11 @@ fn has_matrices() -> bool {
     has
 }
 
+/// Whether more than one network is worth running: a CPU driver takes minutes to compile each.
+fn compiles_fast() -> bool {
+    has_matrices() && device().info().kind != DeviceKind::Cpu
+}
+
 /// Tone-mapped dB of the output to the reference's, and NMSE of the residual.
 fn errors(frame: &TestFrame, weights: &Weights) -> (f64, f64) {
     let plan = plan_of(weights, frame.extent);
@@ -60,7 +65,7 @@ fn the_shipped_network_is_close_to_the_reference() {
         return;
     }
     let golden = Golden::read("golden_shipped.safetensors");
-    for prefix in ["square.", "odd."] {
+    for prefix in &["square.", "odd."][usize::from(!compiles_fast())..] {
         let (db, residual) = errors(&golden.frame(prefix), &Weights::hybrid().unwrap());
         println!("shipped weights, {prefix} {db:.1} dB, NMSE of the residual {residual:.1e}");
         assert!(db >= LEAST_DB, "{prefix} {db:.1} dB");
@@ -73,7 +78,7 @@ fn the_shipped_network_is_close_to_the_reference() {
 /// `VKDENOISE_NETWORKS=all` runs all ten, which takes minutes, instead of the most and a little sensitive one.
 #[test]
 fn every_network_runs_on_matrices() {
-    if !has_matrices() {
+    if !compiles_fast() {
         return;
     }
     let golden = Golden::read("golden_random.safetensors");
@@ -109,7 +114,7 @@ fn matrices_are_asked_for() {
 
 #[test]
 fn another_run_has_the_same_bits() {
-    if !has_matrices() {
+    if !compiles_fast() {
         return;
     }
     let frame = TestFrame::random(Extent::new(150, 70), 3);
@@ -124,7 +129,7 @@ fn another_run_has_the_same_bits() {
 /// The same kernels in a renderer's command buffer; not on a device on which it enabled none.
 #[test]
 fn a_renderers_device_has_matrices_where_it_enabled_them() {
-    if !has_matrices() {
+    if !compiles_fast() {
         return;
     }
     let renderer = Renderer::new();

@@ -225,7 +225,7 @@ fn dense_kernels_have_a_variant_on_matrices() {
                 Call::Conv3x3(k) => k.channels > 4,
                 // A power of two of invocations share a normed token.
                 Call::Linear(k) => !k.norm || k.src.channels.is_power_of_two(),
-                Call::Separable3x3(_) => true,
+                Call::Separable3x3(_) | Call::AuxProjection(_) | Call::Unembed(_) => true,
                 Call::WindowAttention(k) => k.key_width <= 32 && k.value_width <= 64,
                 _ => false,
             };
