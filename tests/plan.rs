@@ -210,7 +210,7 @@ fn every_texel_buffer_of_a_contract_has_its_range() {
     }
 }
 
-/// 93 % of the Hybrid's FLOPs, and of every network all that is dense but what makes the three channels of the result.
+/// All that is dense but what no kernel on matrices takes: 99.9 % of the FLOPs of the Hybrid.
 #[test]
 fn dense_kernels_have_a_variant_on_matrices() {
     let variants = Variants { cpu: false, images: false, output_half: false };
@@ -223,10 +223,14 @@ fn dense_kernels_have_a_variant_on_matrices() {
             let contract = dispatch.call.kernel().contract(variants);
             let wide = match &dispatch.call {
                 Call::Conv3x3(k) => k.channels > 4,
-                // A power of two of invocations share a normed token.
-                Call::Linear(k) => !k.norm || k.src.channels.is_power_of_two(),
+                // A power of two of invocations share a normed token of whole matrices.
+                Call::Linear(k) => !k.norm || (k.src.channels.is_power_of_two() && k.src.channels >= 16),
                 Call::Separable3x3(_) | Call::AuxProjection(_) | Call::Unembed(_) => true,
-                Call::WindowAttention(k) => k.key_width <= 32 && k.value_width <= 64,
+                // Whole vectors of keys and whole matrices of values, and no more than an invocation has registers for.
+                Call::WindowAttention(k) => {
+                    let whole = k.key_width.is_multiple_of(8) && k.value_width.is_multiple_of(16);
+                    whole && k.key_width <= 32 && k.value_width <= 64
+                }
                 _ => false,
             };
             assert_eq!(contract.needs_matrix(), wide, "{name}: {}", dispatch.name);
@@ -246,7 +250,7 @@ fn dense_kernels_have_a_variant_on_matrices() {
         let all = plan.dispatches.iter().map(|d| d.flops).sum::<u64>();
         println!("{name}: {dense} kernels on matrices, {:.3} of the FLOPs", on_matrices as f64 / all as f64);
         if name == "hybrid" {
-            assert!((on_matrices as f64 / all as f64 - 0.933).abs() < 1e-3);
+            assert!(on_matrices as f64 / all as f64 > 0.999);
         }
     }
 }
