@@ -1,155 +1,23 @@
-//! The public face: a denoiser, its options, and the host path.
+//! The public face: a denoiser, and the host path.
 
-use crate::engine::{self, Engine};
+use crate::engine::Engine;
 use crate::error::{Error, Result};
 use crate::frame::{Extent, Features, Frame, PlaneMut, Region, check_in_place};
 use crate::host::HostPass;
 use crate::kernels::frame_io::Fireflies;
-use crate::kernels::{Arithmetic, Storage};
 use crate::memory::MemoryRequired;
-use crate::net::Folds;
 use crate::net::weights::Weights;
-use crate::pass::{FrameOptions, Pass};
+use crate::options::{Exposure, FrameOptions, Options, Precision, Report};
+use crate::pass::Pass;
 use crate::plan::active::ActiveTiles;
-use crate::plan::quiet_mode::QuietMode;
-use crate::plan::{ConvAlgorithm, ConvTable, SeparableForm};
 use crate::profile::KernelRecord;
-use crate::renderer::BufferAddress;
-use crate::tune;
+use crate::target::Target;
 use crate::vk::device::Device;
 use crate::vk::statistics::PipelineStatistic;
 use crate::vk::timestamps::Timestamps;
 use std::fmt;
-use std::str::FromStr;
 use std::sync::Arc;
 use std::time::Instant;
-
-/// Arithmetic and storage of the network.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum Precision {
-    /// The best for the device.
-    #[default]
-    Auto,
-    /// 32-bit floats throughout.
-    F32,
-    /// Feature maps stored as halves, for half of the memory; arithmetic, log colour and residual are 32-bit floats.
-    F16,
-    /// Feature maps stored as halves, and what is dense on cooperative matrices ([`Device::has_matrices`]): products of halves,
-    /// summed in 32-bit floats, as are all other operations. What GPUs with matrices take by themselves.
-    Matrix,
-}
-
-impl FromStr for Precision {
-    type Err = Error;
-
-    /// `auto`, `fp32`, `fp16` or `matrix`.
-    fn from_str(text: &str) -> Result<Self> {
-        match text {
-            "auto" => Ok(Self::Auto),
-            "fp32" => Ok(Self::F32),
-            "fp16" => Ok(Self::F16),
-            "matrix" => Ok(Self::Matrix),
-            other => Err(Error::InvalidOption {
-                option: "precision",
-                reason: format!("'{other}'; it can be auto, fp32, fp16 or matrix"),
-            }),
-        }
-    }
-}
-
-impl fmt::Display for Precision {
-    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
-        f.write_str(match self {
-            Self::Auto => "auto",
-            Self::F32 => "fp32",
-            Self::F16 => "fp16",
-            Self::Matrix => "matrix",
-        })
-    }
-}
-
-/// The factor on the colour before the network's logarithm; undone at the end.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub enum Exposure {
-    /// From the frame itself: 0.18 over its key ([`crate::kernels::stats`]).
-    #[default]
-    Auto,
-    /// Given by the caller, a normal number above 0. One factor for all frames of a sequence keeps them from flickering:
-    /// take [`Report::exposure`] of the first.
-    Fixed(f32),
-    /// From a 32-bit float in a renderer's buffer, read when the recorded commands run: for an exposure that the GPU
-    /// itself adapts. Where it is no normal number above 0, the frame's own. Not for the host path.
-    Buffer(BufferAddress),
-}
-
-/// How a denoiser works.
-#[derive(Clone, Copy, Debug, Default, PartialEq)]
-pub struct Options {
-    /// Arithmetic and storage.
-    pub precision: Precision,
-    /// Exposure of the host path.
-    pub exposure: Exposure,
-    /// Share of the noisy colour in the host path's result, 0 (all denoised) to 1 (all noisy).
-    pub blend: f32,
-    /// What the host path does with fireflies.
-    pub fireflies: Fireflies,
-    /// Which of the network's operations are folded into others: the same result but for rounding, for less work. `None`:
-    /// those that pay on the device.
-    pub folds: Option<Folds>,
-    /// How dense 3x3 convolutions are computed; `None`: as suits the device.
-    pub conv: Option<ConvAlgorithm>,
-    /// How separable convolutions are; `None`: as suits the device.
-    pub separable: Option<SeparableForm>,
-    /// Most device memory that a frame may take (arena, weights and, in the host path, staging), in bytes; a frame that needs
-    /// more is refused before anything is allocated for it. `None`: what the device has.
-    pub memory_budget: Option<u64>,
-    /// Bytes that a map between kernels that follow each other may take; where it would take more, they run band by band of
-    /// the frame, which takes less memory and a little more work. The bits stay the same. `None`:
-    /// [`crate::plan::max_chain_bytes`].
-    pub max_chain_bytes: Option<u64>,
-    /// Whether what depends on albedo, normal and depth alone is kept between frames, for a camera that stands still:
-    /// [`FrameOptions::features_unchanged`], [`Denoiser::set_features_unchanged`]. It costs device memory.
-    pub keep_features: bool,
-    /// What is left out as it needs no denoising; `None`: nothing.
-    pub quiet: Option<Quiet>,
-}
-
-/// Leaves out what needs no denoising: squares of 16x16 pixels whose noise is low get the caller's own colour, blended beside what
-/// is denoised. The frame is not cut into bands then, so that it may take more device memory ([`Denoiser::memory_required`]).
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Quiet {
-    /// The relative standard deviation of a pixel up to which it is left as it is, above 0. 0.02 is hardly visible.
-    pub threshold: f32,
-    /// How far beyond what is denoised the network computes.
-    pub mode: QuietMode,
-}
-
-impl Quiet {
-    fn check(&self) -> Result<()> {
-        if self.threshold.is_finite() && self.threshold > 0.0 {
-            return Ok(());
-        }
-        let reason = format!("{}; it must be a number above 0", self.threshold);
-        Err(Error::InvalidOption { option: "quiet threshold", reason })
-    }
-}
-
-/// What one call of the host path did.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Report {
-    /// The factor on the colour that was used.
-    pub exposure: f32,
-    /// Milliseconds of the device, by timestamps around the pass; `None` where its queue has none.
-    pub gpu_ms: Option<f64>,
-    /// Milliseconds of the whole call on the host: copies, device, wait. The first call of a size also plans, allocates
-    /// and compiles.
-    pub total_ms: f64,
-    /// Share of the FLOPs of the whole frame's pass that were computed: 1, or less with [`Denoiser::set_region`],
-    /// [`Denoiser::set_features_unchanged`] and [`Options::quiet`].
-    pub work: f64,
-    /// Device memory of arena, weights and staging, in bytes.
-    pub device_bytes: u64,
-}
 
 /// A network on a device. `Send` and `Sync`; its host path takes `&mut self`.
 pub struct Denoiser {
@@ -174,48 +42,18 @@ impl Denoiser {
     /// # Errors
     /// [`Error::Weights`], [`Error::InvalidOption`], [`Error::OutOfMemory`], [`Error::Vulkan`].
     pub fn new(device: &Device, weights: &Weights, options: &Options) -> Result<Self> {
-        Self::with_kernels(device, weights, options, engine::prefers_cpu_kernels(device))
+        let frame = check_options(options)?;
+        Ok(Self::of(Engine::new(device, weights, options)?, frame))
     }
 
-    /// The same, with every dense 3x3 convolution in the form that is fastest on this device for frames of about this size: as
-    /// the device's [`Cache`](crate::Cache) has it, else measured now, which takes some passes of every form, and kept there. The size class
-    /// is that of powers of two of pixels; frames of every other size can be denoised too, with the forms of this one.
-    ///
-    /// Forms differ in rounding: the bits of a result are those of the set of forms ([`Denoiser::conv_table`]), the same for
-    /// regions and unchanged features as for the whole frame. Another measurement may choose another set.
-    ///
-    /// # Errors
-    /// As [`Denoiser::new`]. Where the cache has nothing: [`Error::Unsupported`] on a device without timestamps,
-    /// [`Error::Binding`] on a renderer's device, and what [`Denoiser::denoise`] fails with.
-    pub fn tuned(device: &Device, weights: &Weights, options: &Options, extent: Extent) -> Result<Self> {
-        let table = tune::conv_table(device, weights, options, extent)?;
-        Self::with_choices(device, weights, options, engine::prefers_cpu_kernels(device), table)
+    /// For another target than the device's own.
+    pub(crate) fn for_target(device: &Device, weights: &Weights, options: &Options, target: Target) -> Result<Self> {
+        let frame = check_options(options)?;
+        Ok(Self::of(Engine::for_target(device, weights, options, target)?, frame))
     }
 
-    /// The forms of convolutions that were measured; empty without [`Denoiser::tuned`].
-    pub fn conv_table(&self) -> ConvTable {
-        self.engine.plan_options.conv_table
-    }
-
-    /// As [`Denoiser::new`], with or without the kernels shaped for CPU drivers.
-    pub(crate) fn with_kernels(device: &Device, weights: &Weights, options: &Options, cpu: bool) -> Result<Self> {
-        Self::with_choices(device, weights, options, cpu, ConvTable::default())
-    }
-
-    fn with_choices(
-        device: &Device,
-        weights: &Weights,
-        options: &Options,
-        cpu: bool,
-        table: ConvTable,
-    ) -> Result<Self> {
-        let Options { exposure, blend, fireflies, .. } = *options;
-        let frame = FrameOptions { exposure, blend, fireflies, ..FrameOptions::default() };
-        check_host(&frame)?;
-        options.quiet.map_or(Ok(()), |quiet| quiet.check())?;
-        let mut engine = Engine::new(device, weights, options, table)?;
-        engine.cpu = cpu;
-        Ok(Self { engine: Arc::new(engine), options: frame, profiling: false, host: None })
+    fn of(engine: Engine, options: FrameOptions) -> Self {
+        Self { engine: Arc::new(engine), options, profiling: false, host: None }
     }
 
     /// Sets the host path's exposure.
@@ -283,12 +121,7 @@ impl Denoiser {
 
     /// The precision in use, never [`Precision::Auto`].
     pub fn precision(&self) -> Precision {
-        let options = &self.engine.plan_options;
-        match (options.arithmetic, options.storage) {
-            (Arithmetic::Matrices, _) => Precision::Matrix,
-            (Arithmetic::Floats, Storage::F32) => Precision::F32,
-            (Arithmetic::Floats, Storage::F16) => Precision::F16,
-        }
+        self.engine.target.precision()
     }
 
     /// The device.
@@ -364,6 +197,15 @@ impl Denoiser {
         };
         Ok((self.host.insert(pass), self.options))
     }
+}
+
+/// The frame's options of a denoiser's.
+fn check_options(options: &Options) -> Result<FrameOptions> {
+    let Options { exposure, blend, fireflies, .. } = *options;
+    let frame = FrameOptions { exposure, blend, fireflies, ..FrameOptions::default() };
+    check_host(&frame)?;
+    options.quiet.map_or(Ok(()), |quiet| quiet.check())?;
+    Ok(frame)
 }
 
 /// Refuses what only a renderer can give.

@@ -3,7 +3,7 @@
 
 use crate::error::Result;
 use crate::kernels::contract::{BindingType, Contract};
-use crate::kernels::{Storage, TexelRange, Variants};
+use crate::kernels::{Storage, TexelRange};
 use crate::plan::Dispatch;
 use crate::renderer::{ImageFrame, ImagePlane};
 use crate::vk::Checked;
@@ -41,7 +41,6 @@ impl DescriptorSets {
         device: &Device,
         dispatches: &[Dispatch],
         pipelines: &[Arc<Pipeline>],
-        variants: Variants,
         resources: &Resources,
     ) -> Result<Self> {
         let mut made = Self {
@@ -50,7 +49,7 @@ impl DescriptorSets {
             views: Vec::new(),
             sets: vec![vk::DescriptorSet::null(); dispatches.len()],
         };
-        let contracts: Vec<_> = dispatches.iter().map(|d| d.call.kernel().contract(variants)).collect();
+        let contracts: Vec<_> = dispatches.iter().map(|dispatch| dispatch.variant.contract).collect();
         let Some(pool) = make_pool(device, &contracts)? else { return Ok(made) };
         made.pool = pool;
         for (i, contract) in contracts.iter().enumerate().filter(|(_, contract)| !contract.bindings.is_empty()) {

@@ -1,13 +1,13 @@
 //! The host path: planes in host memory, a command buffer of our own, a wait.
 
-use crate::denoiser::Report;
 use crate::engine::Engine;
 use crate::error::{Error, Result};
 use crate::frame::{Extent, Features, Layout, Noise, PlaneMut, Region};
 use crate::kernels::quiet::NoiseKind;
 use crate::kernels::stats::{EXPOSURE, STATS_FLOATS};
 use crate::memory::{MemoryRequired, input_bytes, output_bytes, plane_bytes};
-use crate::pass::{Binding, FrameOptions, Pass};
+use crate::options::{FrameOptions, Report};
+use crate::pass::{Binding, Pass};
 use crate::plan::active::{ActiveTiles, Work};
 use crate::profile::{KernelRecord, Profiler};
 use crate::renderer::{BufferFrame, BufferPlane, SampleFormat};
@@ -213,7 +213,7 @@ impl HostPass {
 
     fn record(&mut self, present: Present, options: &FrameOptions, profile: bool) -> Result<()> {
         if profile && self.profiler.is_none() {
-            self.profiler = Some(Profiler::new(&self.pass, 1)?);
+            self.profiler = Some(self.pass.profiler(1)?);
         }
         let bound = match self.binding.take() {
             Some((had, binding)) if had == present => binding,

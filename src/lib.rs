@@ -60,7 +60,9 @@ mod host;
 pub mod kernels;
 mod memory;
 pub mod metrics;
+pub mod microbench;
 pub mod net;
+pub mod options;
 mod parallel;
 pub mod pass;
 mod pipelines;
@@ -70,22 +72,22 @@ mod quality;
 mod record;
 pub mod reference;
 pub mod renderer;
+pub mod target;
 #[doc(hidden)]
 pub mod testing;
-mod tune;
 pub mod vk;
 
 pub use cache::Cache;
-pub use denoiser::{Denoiser, Exposure, Options, Precision, Quiet, Report};
+pub use denoiser::Denoiser;
 pub use error::{Error, Result};
 pub use frame::{Extent, Features, Frame, Layout, Noise, Plane, PlaneMut, Region, Samples, SamplesMut};
 pub use kernels::frame_io::Fireflies;
 pub use kernels::quiet::NoiseKind;
 pub use memory::MemoryRequired;
 pub use net::weights::Weights;
-pub use pass::{Binding, FrameOptions, Pass};
+pub use options::{Exposure, FrameOptions, Options, Precision, Quiet, QuietMargins, QuietMode, Report};
+pub use pass::{Binding, Pass};
 pub use plan::active::{ActiveTiles, Part};
-pub use plan::quiet_mode::{QuietMargins, QuietMode};
 pub use profile::{KernelRecord, Profiler};
 pub use quality::Quality;
 pub use renderer::{

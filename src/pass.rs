@@ -1,14 +1,13 @@
 //! A forward pass of one frame size, ready to be recorded.
 
-use crate::denoiser::Exposure;
 use crate::descriptors::{DescriptorSets, Resources};
 use crate::engine::Engine;
 use crate::error::{Error, Result};
-use crate::frame::{Extent, Region};
-use crate::kernels::frame_io::Fireflies;
+use crate::frame::Extent;
 use crate::kernels::quiet::NoiseKind;
-use crate::kernels::{Addresses, BufferId, FrameArgs, PlaneArgs, TexelRange, Variants};
+use crate::kernels::{Addresses, BufferId, FrameArgs, KernelTarget, PlaneArgs, TexelRange};
 use crate::net::weights::ExposureRule;
+use crate::options::{Exposure, FrameOptions};
 use crate::plan::active::{ActiveTiles, Work};
 use crate::plan::{self, Dispatch, Place, Plan, Present};
 use crate::profile::Profiler;
@@ -21,6 +20,7 @@ use ash::vk;
 use gpu_allocator::MemoryLocation;
 use std::borrow::Cow;
 use std::sync::Arc;
+use std::sync::atomic::{AtomicU64, Ordering};
 
 /// The denoiser for one frame size: its plan, and the arena of its feature maps. Made by [`crate::Denoiser::pass`].
 ///
@@ -31,69 +31,21 @@ pub struct Pass {
     engine: Arc<Engine>,
     plan: Plan,
     blocks: Vec<Buffer>,
+    /// Tells it from every other pass of the process.
+    id: u64,
 }
 
-/// The renderer's planes, resolved for a [`Pass`]. `Send` and `Sync`; it must outlive the recorded commands.
+/// The renderer's planes, resolved for the [`Pass`] that made it: no other records it. `Send` and `Sync`; it must outlive the
+/// recorded commands.
 pub struct Binding {
     // Before the pipelines, whose set layouts it uses.
     sets: DescriptorSets,
     pipelines: Vec<Arc<Pipeline>>,
-    variants: Variants,
-    extent: Extent,
+    /// What runs of the plan for these planes, whole.
+    dispatches: Vec<Dispatch>,
     planes: FrameArgs,
-}
-
-/// What may change from frame to frame.
-#[derive(Clone, Copy, Debug, PartialEq)]
-pub struct FrameOptions {
-    /// The factor on the colour.
-    pub exposure: Exposure,
-    /// Share of the noisy colour in the result, 0 (all denoised) to 1 (all noisy).
-    pub blend: f32,
-    /// What is done with fireflies.
-    pub fireflies: Fireflies,
-    /// Where the recorded commands write a [`FrameStatistics`](crate::FrameStatistics).
-    pub statistics: Option<BufferAddress>,
-    /// The pixels that are wanted; `None`: all. Only what they depend on is computed and only they are written, with the
-    /// bits that they have in the whole frame.
-    pub region: Option<Region>,
-    /// Whether albedo, normal and depth are those of the last recording of the pass that ran without this. What depends on
-    /// them alone is not computed again and they are not read; the result has the same bits. For denoisers made with
-    /// [`crate::Options::keep_features`].
-    ///
-    /// Where they are not the same, the result belongs to no frame.
-    pub features_unchanged: bool,
-}
-
-impl Default for FrameOptions {
-    fn default() -> Self {
-        Self {
-            exposure: Exposure::Auto,
-            blend: 0.0,
-            fireflies: Fireflies::Auto,
-            statistics: None,
-            region: None,
-            features_unchanged: false,
-        }
-    }
-}
-
-impl FrameOptions {
-    pub(crate) fn check(&self) -> Result<()> {
-        if !(0.0..=1.0).contains(&self.blend) {
-            let reason = format!("{}; it must be in [0, 1]", self.blend);
-            return Err(Error::InvalidOption { option: "blend", reason });
-        }
-        self.statistics.map_or(Ok(()), |place| place.check("statistics"))?;
-        match self.exposure {
-            Exposure::Buffer(place) => place.check("exposure"),
-            Exposure::Fixed(factor) if !(factor.is_normal() && factor > 0.0) => Err(Error::InvalidOption {
-                option: "exposure",
-                reason: format!("{factor}; a fixed exposure must be a normal number above 0"),
-            }),
-            _ => Ok(()),
-        }
-    }
+    /// The pass's own [`Pass::id`].
+    pass: u64,
 }
 
 impl Pass {
@@ -108,7 +60,9 @@ impl Pass {
             Buffer::new(&engine.device, &format!("arena {i}"), bytes, MemoryLocation::GpuOnly)
         };
         let blocks = plan.blocks.iter().enumerate().map(block).collect::<Result<_>>()?;
-        Ok(Self { engine: Arc::clone(engine), plan, blocks })
+        static PASSES: AtomicU64 = AtomicU64::new(0);
+        let id = PASSES.fetch_add(1, Ordering::Relaxed);
+        Ok(Self { engine: Arc::clone(engine), plan, blocks, id })
     }
 
     pub(crate) fn blocks(&self) -> &[Buffer] {
@@ -152,14 +106,15 @@ impl Pass {
         self.plan.quiet.as_ref().map(|quiet| quiet.read(copy))
     }
 
-    /// What runs of the plan.
-    fn dispatches(&self, binding: &Binding, options: &FrameOptions) -> Result<Cow<'_, [Dispatch]>> {
-        options.check()?;
-        let features = present(&binding.planes);
-        let mut dispatches = Cow::Borrowed(self.plan.for_features(features));
-        if !features.depth {
-            plan::skip_depth(dispatches.to_mut());
+    /// What runs of a binding's dispatches; of all, where nothing is left out, its own list.
+    fn dispatches<'a>(&self, binding: &'a Binding, options: &FrameOptions) -> Result<Cow<'a, [Dispatch]>> {
+        if binding.pass != self.id {
+            return Err(Error::Binding(
+                "it was made by another pass: bind the planes with the pass that records".into(),
+            ));
         }
+        options.check()?;
+        let mut dispatches = Cow::Borrowed(&binding.dispatches[..]);
         if let Some(region) = options.region {
             region.check(self.plan.extent)?;
             match self.plan.quiet {
@@ -177,6 +132,16 @@ impl Pass {
             plan::skip_features(dispatches.to_mut());
         }
         Ok(dispatches)
+    }
+
+    /// A profiler of this pass's recordings, of `slots` slots, at least 1: one for each recording that may be in flight at once.
+    ///
+    /// # Errors
+    /// [`Error::Unsupported`] where kernels cannot be timed ([`crate::Device::has_timestamps`]);
+    /// [`Error::InvalidOption`]; [`Error::Vulkan`].
+    pub fn profiler(&self, slots: u32) -> Result<Profiler> {
+        let most = self.plan.without_features.as_ref().map_or(0, Vec::len).max(self.plan.dispatches.len());
+        Profiler::new(&self.engine.device, most, slots)
     }
 
     /// Resolves a frame in the renderer's buffers. Not for the frame's hot path: it may compile kernels.
@@ -204,9 +169,9 @@ impl Pass {
             output,
             ..FrameArgs::default()
         };
-        let variants = Variants { output_half: output.half, ..self.engine.variants() };
+        let target = KernelTarget { output_half: output.half, ..self.engine.target.kernels };
         // SAFETY: no images.
-        unsafe { self.bind(None, variants, planes) }
+        unsafe { self.bind(None, target, planes) }
     }
 
     /// Resolves a frame in the renderer's images. Not for the frame's hot path: it may compile kernels and makes
@@ -235,9 +200,9 @@ impl Pass {
             ..FrameArgs::default()
         };
         let output_half = frame.output.format == ImageFormat::Rgba16F;
-        let variants = Variants { images: true, output_half, ..self.engine.variants() };
+        let target = KernelTarget { images: true, output_half, ..self.engine.target.kernels };
         // SAFETY: the caller vouches for the views.
-        unsafe { self.bind(Some(frame), variants, planes) }
+        unsafe { self.bind(Some(frame), target, planes) }
     }
 
     /// # Safety
@@ -245,19 +210,24 @@ impl Pass {
     pub(crate) unsafe fn bind(
         &self,
         images: Option<&ImageFrame>,
-        variants: Variants,
+        target: KernelTarget,
         planes: FrameArgs,
     ) -> Result<Binding> {
-        let (engine, dispatches) = (&self.engine, self.plan.for_features(present(&planes)));
-        let pipelines = engine.pipelines.for_dispatches(dispatches, variants)?;
+        let (engine, features) = (&self.engine, present(&planes));
+        let mut dispatches = self.plan.for_features(features).to_vec();
+        dispatches.iter_mut().for_each(|dispatch| dispatch.choose(target));
+        if !features.depth {
+            plan::skip_depth(&mut dispatches);
+        }
+        let pipelines = engine.pipelines.for_dispatches(&dispatches)?;
         let texels = |range: &TexelRange| {
             let (buffer, offset, bytes) = self.location(range.buffer);
             (buffer, offset + range.offset, bytes - range.offset)
         };
         let resources = Resources { images, texels: &texels };
         // SAFETY: the caller vouches for the images; the arena and the weights outlive every use of the binding.
-        let sets = unsafe { DescriptorSets::new(&engine.device, dispatches, &pipelines, variants, &resources)? };
-        Ok(Binding { sets, pipelines, variants, extent: self.plan.extent, planes })
+        let sets = unsafe { DescriptorSets::new(&engine.device, &dispatches, &pipelines, &resources)? };
+        Ok(Binding { sets, pipelines, dispatches, planes, pass: self.id })
     }
 
     /// Records the pass into the renderer's command buffer. It does not submit, wait, allocate device memory or update
@@ -273,8 +243,8 @@ impl Pass {
     ///   that its next use needs. Bound compute pipeline, compute descriptor set 0 and push constants have changed.
     ///
     /// # Errors
-    /// [`Error::InvalidOption`], also where the region leaves the frame; [`Error::Binding`] where the binding was made for
-    /// another frame size.
+    /// [`Error::InvalidOption`], also where the region leaves the frame; [`Error::Binding`] where another pass made the
+    /// binding.
     ///
     /// # Safety `commands` is recording, belongs to the denoiser's device and to a family with compute, and is outside
     /// a render pass. The pass, the binding, what it names and the options' buffers live until the commands have run.
@@ -314,14 +284,6 @@ impl Pass {
         options: &FrameOptions,
         profiled: Option<(&Profiler, u32)>,
     ) -> Result<()> {
-        let planned = self.plan.for_features(present(&binding.planes));
-        if binding.extent != self.plan.extent || binding.pipelines.len() != planned.len() {
-            let (has, wants) = (binding.extent, self.plan.extent);
-            return Err(Error::Binding(format!(
-                "it was made for {} x {} pixels, the pass is for {} x {}",
-                has.width, has.height, wants.width, wants.height
-            )));
-        }
         let dispatches = self.dispatches(binding, options)?;
         // SAFETY: the caller vouches for the buffers.
         let resolve = |place: &BufferAddress| unsafe { place.resolve(&self.engine.device) };
@@ -330,12 +292,11 @@ impl Pass {
             _ => None,
         };
         let timestamps = match profiled {
-            Some((profiler, slot)) => Some(profiler.begin(slot, &dispatches, binding.variants)?),
+            Some((profiler, slot)) => Some(profiler.begin(slot, &dispatches)?),
             None => None,
         };
         let recording = Recording {
             device: &self.engine.device,
-            variants: binding.variants,
             addresses: Addresses {
                 buffer: &|id| self.address(id),
                 frame: FrameArgs {
@@ -363,11 +324,6 @@ impl Pass {
         // SAFETY: the caller vouches for `commands` and for what the binding names; the arena is this pass's own.
         unsafe { recording.record(commands, &dispatches) };
         Ok(())
-    }
-
-    /// Dispatches of the longest recording.
-    pub(crate) fn max_dispatches(&self) -> usize {
-        self.plan.without_features.as_ref().map_or(0, Vec::len).max(self.plan.dispatches.len())
     }
 
     /// Device address of a buffer of the plan.

@@ -1,7 +1,6 @@
 //! The pipelines that a plan needs, each made once, several at a time.
 
 use crate::error::{Error, Result};
-use crate::kernels::Variants;
 use crate::kernels::contract::{Contract, Specialisation};
 use crate::parallel;
 use crate::plan::Dispatch;
@@ -41,9 +40,9 @@ impl Pipelines {
     ///
     /// # Errors
     /// [`Error::Unsupported`] where the device lacks what a variant needs; [`Error::Vulkan`].
-    pub fn for_dispatches(&self, dispatches: &[Dispatch], variants: Variants) -> Result<Vec<Arc<Pipeline>>> {
-        let kernels = dispatches.iter().map(|dispatch| dispatch.call.kernel());
-        let wanted: Vec<_> = kernels.map(|kernel| (kernel.contract(variants), kernel.specialisation())).collect();
+    pub fn for_dispatches(&self, dispatches: &[Dispatch]) -> Result<Vec<Arc<Pipeline>>> {
+        let chosen = dispatches.iter().map(|dispatch| &dispatch.variant);
+        let wanted: Vec<_> = chosen.map(|variant| (variant.contract, variant.special)).collect();
         self.of(&wanted)
     }
 

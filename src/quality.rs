@@ -1,10 +1,9 @@
 //! The networks that ship inside the library, and which of them to take.
 
-use crate::denoiser::{Precision, Quiet};
 use crate::error::{Error, Result};
 use crate::kernels::contract::Need;
 use crate::net::weights::Weights;
-use crate::plan::quiet_mode::QuietMode;
+use crate::options::{Precision, Quiet, QuietMode};
 use crate::vk::caps::DeviceKind;
 use crate::vk::device::Device;
 use std::fmt;

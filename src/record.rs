@@ -1,7 +1,7 @@
 //! The executor: dispatches into a command buffer.
 
 use crate::descriptors::DescriptorSets;
-use crate::kernels::{Addresses, BufferId, Variants};
+use crate::kernels::{Addresses, BufferId};
 use crate::plan::Dispatch;
 use crate::vk::device::Device;
 use crate::vk::pipeline::Pipeline;
@@ -13,7 +13,6 @@ use std::sync::Arc;
 /// What a recording needs beside the dispatches.
 pub(crate) struct Recording<'a> {
     pub device: &'a Device,
-    pub variants: Variants,
     pub addresses: Addresses<'a>,
     /// In which buffer one of the plan's lies, and from which byte on.
     pub buffers: &'a dyn Fn(BufferId) -> (vk::Buffer, u64),
@@ -39,7 +38,7 @@ impl Recording<'_> {
             // SAFETY: the caller vouches for `commands`.
             unsafe { timestamps.reset(commands, first, 2 * dispatches.len() as u32) };
         }
-        let indirect = dispatches.iter().any(|dispatch| dispatch.groups.is_some());
+        let indirect = dispatches.iter().any(|dispatch| dispatch.indirect.is_some());
         let mut waits = true;
         for (i, (dispatch, pipeline)) in dispatches.iter().zip(self.pipelines).enumerate() {
             waits |= dispatch.barrier;
@@ -55,9 +54,8 @@ impl Recording<'_> {
                 // SAFETY: the caller vouches for `commands`.
                 unsafe { self.barrier(commands, indirect) };
             }
-            let kernel = dispatch.call.kernel();
-            let [x, y, z] = kernel.groups(self.variants);
-            let push = kernel.push(&self.addresses);
+            let [x, y, z] = dispatch.groups;
+            let push = dispatch.call.kernel().push(&self.addresses);
             // SAFETY: the caller vouches for `commands`; the contract's push constants were checked by the build.
             unsafe {
                 if pipeline.raw != bound {
@@ -72,7 +70,7 @@ impl Recording<'_> {
                 let stage = vk::ShaderStageFlags::COMPUTE;
                 device.cmd_push_constants(commands, pipeline.layout, stage, 0, push.as_slice());
                 self.timestamp(commands, 2 * i as u32);
-                match dispatch.groups.and_then(|groups| Some((groups, groups.offset(&dispatch.call, self.variants)?))) {
+                match dispatch.indirect.and_then(|groups| Some((groups, groups.offset(dispatch)?))) {
                     Some((groups, offset)) => {
                         let (buffer, first) = (self.buffers)(groups.buffer);
                         device.cmd_dispatch_indirect(commands, buffer, first + offset);

@@ -1,17 +1,19 @@
 //! For this crate's own tests and benchmarks: single kernels on a device, with sentinels around every buffer.
 
-use crate::denoiser::{Denoiser, Options};
+use crate::denoiser::Denoiser;
 use crate::descriptors::{DescriptorSets, Resources};
 use crate::engine;
 use crate::error::{Error, Result};
 use crate::frame::{Frame, Layout, PlaneMut};
 use crate::kernels::contract::Need;
-use crate::kernels::{Addresses, BufferId, Call, FrameArgs, PlaneArgs, TexelRange, Variants};
+use crate::kernels::{Addresses, BufferId, Call, FrameArgs, KernelTarget, PlaneArgs, TexelRange};
 use crate::net::graph::Stage;
 use crate::net::weights::Weights;
+use crate::options::Options;
 use crate::pipelines::Pipelines;
 use crate::plan::{Dispatch, Plan};
 use crate::record::Recording;
+use crate::target::prefers_cpu_kernels;
 use crate::vk::caps::TEXEL_BYTES;
 use crate::vk::device::{Device, DeviceOptions};
 use crate::vk::memory::Buffer;
@@ -30,8 +32,8 @@ pub struct Bench {
     device: Device,
     pipelines: Pipelines,
     buffers: Vec<(String, Buffer)>,
-    /// Which kernel variants run.
-    pub variants: Variants,
+    /// What kernels are chosen for.
+    pub target: KernelTarget,
     /// Planes of the frame that the calls read and write; [`Bench::plane`] makes them.
     pub planes: FrameArgs,
 }
@@ -41,20 +43,20 @@ impl Bench {
     ///
     /// # Errors
     /// [`crate::Error::Vulkan`].
-    pub fn new(device: &Device, variants: Variants) -> Result<Self> {
+    pub fn new(device: &Device, target: KernelTarget) -> Result<Self> {
         Ok(Self {
             submission: Submission::new(device)?,
             device: device.clone(),
             pipelines: Pipelines::new(device),
             buffers: Vec::new(),
-            variants,
+            target,
             planes: FrameArgs::default(),
         })
     }
 
-    /// The variants that the engine would take on the device.
-    pub fn default_variants(device: &Device) -> Variants {
-        Variants { cpu: engine::prefers_cpu_kernels(device), images: false, output_half: false }
+    /// What the engine would choose kernels for on the device.
+    pub fn default_target(device: &Device) -> KernelTarget {
+        KernelTarget { cpu: prefers_cpu_kernels(device.caps()), ..KernelTarget::default() }
     }
 
     /// Whether the variants for CPU drivers run on the device.
@@ -118,21 +120,11 @@ impl Bench {
     /// # Errors
     /// [`crate::Error::Vulkan`], [`crate::Error::DeviceLost`].
     pub fn run(&mut self, calls: &[Call]) -> Result<Option<f64>> {
-        let dispatch = |call: &Call| Dispatch {
-            name: String::new(),
-            stage: Stage::Input,
-            call: call.clone(),
-            barrier: true,
-            flops: 0,
-            band: 0,
-            groups: None,
-            of_features: false,
-            of_depth: false,
-            skipped: false,
-        };
-        let dispatches: Vec<_> = calls.iter().map(dispatch).collect();
-        let pipelines = self.pipelines.for_dispatches(&dispatches, self.variants)?;
-        let Self { submission, device, buffers, variants, planes, .. } = self;
+        let mut dispatches: Vec<_> =
+            calls.iter().map(|call| Dispatch::new("", Stage::Input, 0, call.clone(), self.target)).collect();
+        dispatches.iter_mut().for_each(|dispatch| dispatch.barrier = true);
+        let pipelines = self.pipelines.for_dispatches(&dispatches)?;
+        let Self { submission, device, buffers, planes, .. } = self;
         let texels = |range: &TexelRange| {
             let (_, buffer) = &buffers[range.buffer.0];
             let offset = GUARD as u64 + range.offset;
@@ -140,10 +132,9 @@ impl Bench {
         };
         let resources = Resources { images: None, texels: &texels };
         // SAFETY: the buffers live in `self`, and `run` waits.
-        let sets = unsafe { DescriptorSets::new(device, &dispatches, &pipelines, *variants, &resources)? };
+        let sets = unsafe { DescriptorSets::new(device, &dispatches, &pipelines, &resources)? };
         let recording = Recording {
             device,
-            variants: *variants,
             addresses: Addresses { buffer: &|id| buffers[id.0].1.address() + GUARD as u64, frame: *planes },
             buffers: &|id| (buffers[id.0].1.raw(), GUARD as u64),
             pipelines: &pipelines,
@@ -188,7 +179,9 @@ pub unsafe fn open_patched(
 /// # Errors
 /// As [`Denoiser::new`].
 pub fn denoiser_with_kernels(device: &Device, weights: &Weights, options: &Options, cpu: bool) -> Result<Denoiser> {
-    Denoiser::with_kernels(device, weights, options, cpu)
+    let mut target = engine::target(device, options)?;
+    target.kernels.cpu = cpu;
+    Denoiser::for_target(device, weights, options, target)
 }
 
 /// Denoises a frame on the host path and reads what `pick` names of the plan afterwards, with the plan. Only what lives

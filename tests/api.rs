@@ -254,7 +254,7 @@ fn what_is_refused() {
     assert!(matches!(Device::open_with(&options), Err(Error::NoLoader(message)) if message.contains("no/such")));
     // A device without validation: the layer would object before the driver does.
     let plain = Device::open(&DeviceSelector::from_env().unwrap_or_default()).unwrap();
-    let mut bench = Bench::new(&plain, Bench::default_variants(&plain)).unwrap();
+    let mut bench = Bench::new(&plain, Bench::default_target(&plain)).unwrap();
     let refused = bench.buffer("too much", 1 << 46);
     assert!(matches!(refused, Err(Error::OutOfMemory { what, bytes, .. }) if what == "too much" && bytes >= 1 << 46));
 

@@ -5,14 +5,15 @@ mod budget;
 mod common;
 
 use budget::{measure, residual, table};
-use common::case::{MATRIX_LIMIT, PORTABLE, variants};
+use common::case::{MATRIX_LIMIT, targets};
 use common::device::{assert_no_validation_messages, device};
 use vkdenoise::exr_io::{ExrFrame, LayerOptions};
 use vkdenoise::kernels::winograd::WinogradTile;
 use vkdenoise::kernels::{Arithmetic, Storage};
 use vkdenoise::net::Graph;
-use vkdenoise::plan::{ConvAlgorithm, PlanOptions, plan};
+use vkdenoise::plan::plan;
 use vkdenoise::reference::Reference;
+use vkdenoise::target::{ConvAlgorithm, Target};
 use vkdenoise::testing::Bench;
 use vkdenoise::{Denoiser, Extent, Frame, Layout, Options, PlaneMut, Precision, Weights};
 
@@ -30,18 +31,20 @@ fn every_algorithm_keeps_its_budget_on_a_real_frame() {
     let features = frame.features;
     assert!(features.albedo.is_some() && features.normal.is_some() && features.depth.is_some());
     let weights = Weights::hybrid().unwrap();
-    let direct = PlanOptions::default();
-    let winograd = |tile| PlanOptions { conv: ConvAlgorithm::Winograd(tile), ..direct };
-    let preferred = Bench::default_variants(device());
-    let forms = [(preferred, winograd(WinogradTile::F2)), (preferred, winograd(WinogradTile::F4))];
-    let on_matrices = PlanOptions::for_gpu(Storage::F16, Arithmetic::Matrices);
-    let on_matrices = device().has_matrices().then_some((PORTABLE, on_matrices));
-    let in_floats = variants().into_iter().map(|variants| (variants, direct));
-    for (variants, forms) in in_floats.chain(forms).chain(on_matrices) {
-        let lines = measure(device(), &weights, &frame, variants, &forms).unwrap();
+    let direct = Target::default();
+    let winograd = |tile| Target { conv: ConvAlgorithm::Winograd(tile), ..direct };
+    let preferred = Bench::default_target(device());
+    let forms =
+        [winograd(WinogradTile::F2), winograd(WinogradTile::F4)].map(|form| Target { kernels: preferred, ..form });
+    let on_matrices = Target::for_gpu(Storage::F16, Arithmetic::Matrices);
+    let on_matrices = device().has_matrices().then_some(on_matrices);
+    let in_floats = targets().into_iter().map(|kernels| Target { kernels, ..direct });
+    for forms in in_floats.chain(forms).chain(on_matrices) {
+        let lines = measure(device(), &weights, &frame, &forms).unwrap();
         let last = residual(&lines).unwrap();
         let limit = if forms.arithmetic == Arithmetic::Matrices { MATRIX_RESIDUAL_LIMIT } else { RESIDUAL_LIMIT };
-        println!("{variants:?}, {:?}, {:?}: {:.1e} in {}", forms.conv, forms.arithmetic, last.nmse, last.name);
+        let Target { kernels, conv, arithmetic, .. } = forms;
+        println!("{kernels:?}, {conv:?}, {arithmetic:?}: {:.1e} in {}", last.nmse, last.name);
         assert!(last.name.starts_with("output") && last.nmse <= limit, "{last:?}");
         for line in &lines {
             // An error may be larger on its way than at the end, where it meets the whole residual; not by much.
@@ -68,7 +71,7 @@ fn halves_are_exact_to_the_eye() {
     let mut found = vec![0.0; 3 * extent.pixels() as usize];
     let report = denoiser.denoise(&frame, PlaneMut::f32(&mut found, Layout::interleaved(extent, 3))).unwrap();
     let graph = Graph::new(weights.arch()).unwrap();
-    let plan = plan(&graph, extent, &PlanOptions::default()).unwrap();
+    let plan = plan(&graph, extent, &Target::default()).unwrap();
     let mut reference = Reference::new(&plan, &weights).unwrap();
     reference.set_frame(&frame, None, 0.0).unwrap();
     reference.run();

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::case::{KERNEL_LIMIT, PREPROCESSING, make_buffers, small_net, variants};
+use common::case::{KERNEL_LIMIT, PREPROCESSING, make_buffers, small_net, targets};
 use common::compare::nmse;
 use common::device::{assert_no_validation_messages, device};
 use common::network::wide;
@@ -138,8 +138,8 @@ fn attention_of_large_logits() {
         let expected = reference.buffer(BufferId(2));
         let joint = window.joint();
         let reached = joint.iter().fold(0.0, |most: f64, s| most.max(s.abs()));
-        for variants in variants() {
-            let mut bench = Bench::new(device(), variants).unwrap();
+        for target in targets() {
+            let mut bench = Bench::new(device(), target).unwrap();
             make_buffers(&mut bench, &buffers, &weights);
             bench.upload(BufferId(0), &window.x);
             bench.upload(BufferId(1), &window.f);
@@ -148,9 +148,9 @@ fn attention_of_large_logits() {
             let (mut worst, mut decided) = (0.0f64, 0);
             let rows = found.chunks_exact(form.1).zip(expected.chunks_exact(form.1)).zip(joint.chunks_exact(TOKENS));
             for (i, ((found, expected), scores)) in rows.enumerate() {
-                assert!(found.iter().all(|v| v.is_finite()), "{form:?} {logit} {variants:?}: row {i}");
+                assert!(found.iter().all(|v| v.is_finite()), "{form:?} {logit} {target:?}: row {i}");
                 let sum = found[form.1 - 1];
-                assert!((sum - 1.0).abs() <= 1e-3, "{form:?} {logit} {variants:?}: row {i} sums to {sum}");
+                assert!((sum - 1.0).abs() <= 1e-3, "{form:?} {logit} {target:?}: row {i} sums to {sum}");
                 if Window::is_decided(scores) {
                     decided += 1;
                     let errors = found.iter().zip(expected).map(|(f, e)| (f64::from(*f) - e).abs());
@@ -159,9 +159,9 @@ fn attention_of_large_logits() {
             }
             println!(
                 "{form:?}, logits of {logit}, CPU kernels {}: products to {reached:.1e}, {decided} rows decided, error {worst:.1e}",
-                variants.cpu
+                target.cpu
             );
-            assert!(worst <= 1e-3 && decided > 0, "{form:?} {logit} {variants:?}: error {worst:.1e} of {decided} rows");
+            assert!(worst <= 1e-3 && decided > 0, "{form:?} {logit} {target:?}: error {worst:.1e} of {decided} rows");
         }
     }
     assert_no_validation_messages();
@@ -242,8 +242,8 @@ fn layer_norm_without_variance() {
     reference.run_call(&call);
     let expected = reference.buffer(BufferId(1));
     let gain = weights.tensor("enc.0.0.norm1.weight").unwrap();
-    for variants in variants() {
-        let mut bench = Bench::new(device(), variants).unwrap();
+    for target in targets() {
+        let mut bench = Bench::new(device(), target).unwrap();
         make_buffers(&mut bench, &buffers, &weights);
         bench.upload(BufferId(0), &src);
         bench.run(std::slice::from_ref(&call)).unwrap();
@@ -257,7 +257,7 @@ fn layer_norm_without_variance() {
             let gain = f64::from(gain.data[i % base as usize]);
             let bound = 1e-5 + lost.min(2.0 * f64::from(base).sqrt()) * gain.abs();
             let error = (f64::from(found) - expected).abs();
-            assert!(error <= bound, "{variants:?}: element {i} is {found}, not {expected}, limit {bound:.1e}");
+            assert!(error <= bound, "{target:?}: element {i} is {found}, not {expected}, limit {bound:.1e}");
         }
     }
     assert_no_validation_messages();
@@ -310,14 +310,14 @@ fn film_mean_of_many_tokens() {
     reference.set_buffer(BufferId(1), &mean);
     reference.run_call(&Call::FilmVector(one));
     let expected = reference.buffer(BufferId(2));
-    for variants in variants() {
-        let mut bench = Bench::new(device(), variants).unwrap();
+    for target in targets() {
+        let mut bench = Bench::new(device(), target).unwrap();
         make_buffers(&mut bench, &buffers, &weights);
         bench.upload(BufferId(0), &row);
         bench.run(&[Call::TokenSum(sum.clone()), Call::FilmVector(vector.clone())]).unwrap();
         let error = nmse(&bench.download(BufferId(2), outputs as usize), expected);
-        println!("mean of 2^26 tokens, CPU kernels {}: NMSE {error:.1e}", variants.cpu);
-        assert!(error <= KERNEL_LIMIT, "{variants:?}: NMSE {error:.1e}");
+        println!("mean of 2^26 tokens, CPU kernels {}: NMSE {error:.1e}", target.cpu);
+        assert!(error <= KERNEL_LIMIT, "{target:?}: NMSE {error:.1e}");
     }
     assert_no_validation_messages();
 }

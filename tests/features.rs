@@ -10,7 +10,8 @@ use common::vulkan::{Renderer, RendererBuffer};
 use vkdenoise::kernels::winograd::WinogradTile;
 use vkdenoise::net::graph::Graph;
 use vkdenoise::net::{Arch, Block, Bottleneck, Convolution, Decoder, Head, StageSpec, Weights};
-use vkdenoise::plan::{ConvAlgorithm, Dispatch, Place, Plan, PlanOptions, SeparableForm, plan};
+use vkdenoise::plan::{Dispatch, Place, Plan, plan};
+use vkdenoise::target::{ConvAlgorithm, SeparableForm, Target};
 use vkdenoise::{
     BufferFrame, BufferPlane, Denoiser, Device, Error, Extent, Features, Frame, FrameOptions, Layout, Options, Plane,
     PlaneMut, Region, SampleFormat,
@@ -75,7 +76,7 @@ fn denoise(denoiser: &mut Denoiser, frame: &Frame) -> Result<Vec<f32>, Error> {
 
 fn plan_of(name: &str, extent: Extent, keep_features: bool) -> Plan {
     let graph = Graph::new(&Arch::named(name).unwrap()).unwrap();
-    plan(&graph, extent, &PlanOptions { keep_features, ..PlanOptions::default() }).unwrap()
+    plan(&graph, extent, &Target { keep_features, ..Target::default() }).unwrap()
 }
 
 /// The plan finds by dataflow what the network's definition says.

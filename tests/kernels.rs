@@ -13,7 +13,7 @@ use vkdenoise::kernels::maps::{Depthwise3x3, LayerNorm};
 use vkdenoise::kernels::separable::Separable3x3;
 use vkdenoise::kernels::unembed::Unembed;
 use vkdenoise::kernels::window_attention::WindowAttention;
-use vkdenoise::kernels::{Activation, Arithmetic, Call, Storage, TILE, Tiles, Variants, View};
+use vkdenoise::kernels::{Activation, Arithmetic, Call, KernelTarget, Storage, TILE, Tiles, View};
 use vkdenoise::net::{Block, Convolution, LinearPart, LinearWeight};
 use vkdenoise::plan::pack::Pack;
 use vkdenoise::testing::Bench;
@@ -444,8 +444,8 @@ fn halves_are_rounded_to_the_nearest_and_ties_to_even() {
     values.resize(values.len().next_multiple_of((width * TILE * channels) as usize), 0.0);
     let height = values.len() as u32 / (width * channels);
 
-    let variants = Variants { cpu: true, ..Bench::default_variants(device) };
-    let mut bench = Bench::new(device, variants).unwrap();
+    let target = KernelTarget { cpu: true, ..Bench::default_target(device) };
+    let mut bench = Bench::new(device, target).unwrap();
     let mut map = |name, storage: Storage| {
         let buffer = bench.buffer(name, values.len() as u64 * storage.bytes()).unwrap();
         View { buffer, first: 0, channels, stride: channels, width, height, top: 0, storage }

@@ -9,8 +9,9 @@ use common::random::Random;
 use common::vulkan::{Renderer, RendererBuffer};
 use vkdenoise::kernels::stats::{EXPOSURE, KEY};
 use vkdenoise::net::Graph;
-use vkdenoise::plan::{PlanOptions, plan};
+use vkdenoise::plan::plan;
 use vkdenoise::reference::Reference;
+use vkdenoise::target::Target;
 use vkdenoise::testing::Bench;
 use vkdenoise::{
     BufferAddress, BufferFrame, BufferPlane, Denoiser, Device, DeviceKind, Error, Exposure, Extent, Features,
@@ -68,7 +69,7 @@ fn harsh_frames_are_the_reference_twice() {
     let weights = Weights::hybrid().unwrap();
     let color = harsh(1);
     let frame = Frame { extent: EXTENT, color: Plane::f32(&color, rgb()), features: Features::default() };
-    let plan = plan(&Graph::new(weights.arch()).unwrap(), EXTENT, &PlanOptions::default()).unwrap();
+    let plan = plan(&Graph::new(weights.arch()).unwrap(), EXTENT, &Target::default()).unwrap();
     let mut kept = Vec::new();
     for (fireflies, blend) in [(Fireflies::Auto, 0.0), (Fireflies::Keep, 0.25), (Fireflies::Mend, 0.0)] {
         let options = Options { fireflies, blend, ..Options::default() };
@@ -257,7 +258,7 @@ fn the_host_path_refuses_buffers() {
     let frame = Frame { extent: EXTENT, color: Plane::f32(&color, rgb()), features: Features::default() };
     let mut output = vec![0.0; color.len()];
     let report = denoiser.denoise(&frame, PlaneMut::f32(&mut output, rgb())).unwrap();
-    let plan = plan(&Graph::new(weights.arch()).unwrap(), EXTENT, &PlanOptions::default()).unwrap();
+    let plan = plan(&Graph::new(weights.arch()).unwrap(), EXTENT, &Target::default()).unwrap();
     let mut reference = Reference::new(&plan, &weights).unwrap();
     reference.set_frame(&frame, None, 0.0).unwrap();
     reference.run();

@@ -5,16 +5,15 @@
 
 use vkdenoise::kernels::contract::BindingType;
 use vkdenoise::kernels::winograd::WinogradTile;
-use vkdenoise::kernels::{Arithmetic, BufferId, Call, Storage, Tiles, Variants};
+use vkdenoise::kernels::{Arithmetic, BufferId, Call, KernelTarget, Storage, Tiles};
 use vkdenoise::net::{Arch, Folds, Graph, Head};
-use vkdenoise::plan::{
-    ConvAlgorithm, ConvShape, Dispatch, Place, Plan, PlanOptions, SeparableForm, max_chain_bytes, plan,
-};
+use vkdenoise::plan::{Dispatch, Place, Plan, plan};
+use vkdenoise::target::{ConvAlgorithm, SeparableForm, Target, max_chain_bytes};
 use vkdenoise::{Error, Extent};
 
 fn plan_of(name: &str, extent: Extent, max_block_bytes: u64) -> Result<Plan, Error> {
     let graph = Graph::new(&Arch::named(name).unwrap()).unwrap();
-    plan(&graph, extent, &PlanOptions { max_block_bytes, ..PlanOptions::default() })
+    plan(&graph, extent, &Target { max_block_bytes, ..Target::default() })
 }
 
 fn spans(plan: &Plan, touched: &[(BufferId, u64)]) -> Vec<(usize, u64, u64)> {
@@ -43,14 +42,14 @@ fn plans(extent: Extent) -> Vec<(String, Plan)> {
 fn plans_in(extent: Extent, max_block_bytes: u64) -> Vec<(String, Plan)> {
     let named = Arch::NAMES.iter().map(|name| (name.to_string(), plan_of(name, extent, max_block_bytes).unwrap()));
     let graph = Graph::new(&Arch::hybrid()).unwrap();
-    let forms = [WinogradTile::F2, WinogradTile::F4].map(|tile| PlanOptions {
+    let forms = [WinogradTile::F2, WinogradTile::F4].map(|tile| Target {
         conv: ConvAlgorithm::Winograd(tile),
         separable: SeparableForm::Fused,
         max_block_bytes,
-        ..PlanOptions::default()
+        ..Target::default()
     });
-    let halves = PlanOptions { storage: Storage::F16, max_block_bytes, ..PlanOptions::default() };
-    let banded = PlanOptions { max_chain_bytes: 1 << 17, max_block_bytes, ..PlanOptions::default() };
+    let halves = Target { storage: Storage::F16, max_block_bytes, ..Target::default() };
+    let banded = Target { max_chain_bytes: 1 << 17, max_block_bytes, ..Target::default() };
     let headed = [Head::pure(), Head::gated()].map(|head| Graph::new(&Arch { head, ..Arch::hybrid() }).unwrap());
     let headed = headed.iter().flat_map(|graph| [halves, banded].map(|options| (graph, options)));
     let headed: Vec<_> = headed
@@ -59,7 +58,7 @@ fn plans_in(extent: Extent, max_block_bytes: u64) -> Vec<(String, Plan)> {
             (name, plan(graph, extent, &options).unwrap())
         })
         .collect();
-    let forms = forms.into_iter().chain([halves, banded, PlanOptions { separable: SeparableForm::Fused, ..banded }]);
+    let forms = forms.into_iter().chain([halves, banded, Target { separable: SeparableForm::Fused, ..banded }]);
     let forms = forms.map(|options| (format!("{options:?}"), plan(&graph, extent, &options).unwrap()));
     named.chain(forms).chain(headed).collect()
 }
@@ -129,7 +128,7 @@ fn memory_and_padding() {
     // True FLOPs at 128x128, now as dispatches.
     let graph = Graph::new(&Arch::hybrid()).unwrap();
     for (folds, expected) in [(Folds::NONE, 2.902), (Folds::ALL, 2.569)] {
-        let small = plan(&graph, Extent::new(128, 128), &PlanOptions { folds, ..PlanOptions::default() }).unwrap();
+        let small = plan(&graph, Extent::new(128, 128), &Target { folds, ..Target::default() }).unwrap();
         let gflop = small.dispatches.iter().map(|d| d.flops).sum::<u64>() as f64 * 1e-9;
         assert!((gflop - expected).abs() < 1e-3, "{folds:?}: {gflop}");
     }
@@ -160,13 +159,13 @@ fn a_large_frame_fits_its_memory() {
     let graph = Graph::new(&Arch::hybrid()).unwrap();
     for (storage, limit) in [(Storage::F32, 2 << 30), (Storage::F16, 1 << 30)] {
         let max_chain_bytes = max_chain_bytes(storage, Arithmetic::Floats);
-        let options = PlanOptions { storage, max_chain_bytes, ..PlanOptions::default() };
+        let options = Target { storage, max_chain_bytes, ..Target::default() };
         let bytes = plan(&graph, extent, &options).unwrap().bytes() + 52 * extent.pixels() + 256;
         println!("{storage:?}: {bytes} bytes");
         assert!(bytes <= limit, "{storage:?}: {bytes}");
     }
     // Without bands the wide maps of the input stage alone take more.
-    let whole = plan(&graph, extent, &PlanOptions { max_chain_bytes: u64::MAX, ..PlanOptions::default() }).unwrap();
+    let whole = plan(&graph, extent, &Target { max_chain_bytes: u64::MAX, ..Target::default() }).unwrap();
     assert!(whole.bytes() > 3_000_000_000);
 }
 
@@ -175,7 +174,7 @@ fn a_large_frame_fits_its_memory() {
 fn bands_cost_little_work() {
     let graph = Graph::new(&Arch::hybrid()).unwrap();
     let flops = |max_chain_bytes| {
-        let options = PlanOptions { max_chain_bytes, ..PlanOptions::default() };
+        let options = Target { max_chain_bytes, ..Target::default() };
         let plan = plan(&graph, Extent::new(2048, 2048), &options).unwrap();
         plan.dispatches.iter().map(|d| d.flops).sum::<u64>() as f64
     };
@@ -199,11 +198,11 @@ fn what_does_not_fit_is_an_error() {
 /// The order is the contract's; a missing range would leave a descriptor unwritten.
 #[test]
 fn every_texel_buffer_of_a_contract_has_its_range() {
-    let variants = Variants { cpu: true, images: false, output_half: false };
+    let target = KernelTarget { cpu: true, ..KernelTarget::default() };
     for (name, plan) in plans(Extent::new(600, 128)) {
         for dispatch in lists(&plan).concat() {
             let kernel = dispatch.call.kernel();
-            let bindings = kernel.contract(variants).bindings.iter();
+            let bindings = kernel.choose(target).contract.bindings.iter();
             let buffers = bindings.filter(|binding| binding.ty == BindingType::TexelBuffer).count();
             assert!(buffers == 0 || kernel.texels().len() == buffers, "{name}: {}", dispatch.name);
         }
@@ -213,14 +212,11 @@ fn every_texel_buffer_of_a_contract_has_its_range() {
 /// All that is dense but what no kernel on matrices takes: 99.9 % of the FLOPs of the Hybrid.
 #[test]
 fn dense_kernels_have_a_variant_on_matrices() {
-    let variants = Variants { cpu: false, images: false, output_half: false };
     for name in Arch::NAMES {
         let graph = Graph::new(&Arch::named(name).unwrap()).unwrap();
-        let plan =
-            plan(&graph, Extent::new(128, 128), &PlanOptions::for_gpu(Storage::F16, Arithmetic::Matrices)).unwrap();
+        let plan = plan(&graph, Extent::new(128, 128), &Target::for_gpu(Storage::F16, Arithmetic::Matrices)).unwrap();
         let (mut on_matrices, mut dense) = (0, 0);
         for dispatch in &plan.dispatches {
-            let contract = dispatch.call.kernel().contract(variants);
             let wide = match &dispatch.call {
                 Call::Conv3x3(k) => k.channels > 4,
                 // A power of two of invocations share a normed token of whole matrices.
@@ -233,16 +229,16 @@ fn dense_kernels_have_a_variant_on_matrices() {
                 }
                 _ => false,
             };
-            assert_eq!(contract.needs_matrix(), wide, "{name}: {}", dispatch.name);
+            assert_eq!(dispatch.variant.is_on_matrices(), wide, "{name}: {}", dispatch.name);
             if !wide {
                 continue;
             }
             (on_matrices, dense) = (on_matrices + dispatch.flops, dense + 1);
-            if !matches!(dispatch.call.tiles(), Some((Tiles::All, ..))) {
+            if !dispatch.call.grid().is_some_and(|grid| grid.tiles == Tiles::All) {
                 continue;
             }
             // Nothing is loaded less than once, in vectors of 16 bytes, and everything stored.
-            let (accesses, traffic) = (dispatch.call.accesses(variants).unwrap(), dispatch.traffic());
+            let (accesses, traffic) = (dispatch.call.accesses(&dispatch.variant).unwrap(), dispatch.traffic());
             let vectors = |touched: &[(BufferId, u64)]| touched.iter().map(|(_, bytes)| bytes).sum::<u64>() / 16;
             assert!(accesses.global_loads >= vectors(&traffic.reads), "{name}: {}", dispatch.name);
             assert!(accesses.global_stores >= vectors(&traffic.writes), "{name}: {}", dispatch.name);
@@ -251,31 +247,6 @@ fn dense_kernels_have_a_variant_on_matrices() {
         println!("{name}: {dense} kernels on matrices, {:.3} of the FLOPs", on_matrices as f64 / all as f64);
         if name == "hybrid" {
             assert!(on_matrices as f64 / all as f64 > 0.999);
-        }
-    }
-}
-
-/// A table of measured forms reaches the convolutions of its shapes and no others.
-#[test]
-fn a_table_chooses_by_shape() {
-    let graph = Graph::new(&Arch::hybrid()).unwrap();
-    let extent = Extent::new(130, 70);
-    let shapes = |plan: &Plan| -> Vec<_> {
-        let shape = |d: &Dispatch| ConvShape::of(&d.call, plan).map(|s| (s, matches!(d.call, Call::Winograd3x3(_))));
-        plan.dispatches.iter().filter_map(shape).collect()
-    };
-    let direct = shapes(&plan(&graph, extent, &PlanOptions::default()).unwrap());
-    let chosen = ConvShape { inputs: 32, outputs: 32, token: 2 };
-    assert!(direct.iter().any(|(shape, _)| *shape == chosen) && direct.iter().all(|(_, winograd)| !winograd));
-    let f2 = ConvAlgorithm::Winograd(WinogradTile::F2);
-    // In the place of the form of all, whatever that is.
-    for (rest, form) in [(ConvAlgorithm::Direct, f2), (f2, ConvAlgorithm::Direct)] {
-        let conv_table = [(chosen, form)].into_iter().collect();
-        let options = PlanOptions { conv: rest, conv_table, ..PlanOptions::default() };
-        let found = shapes(&plan(&graph, extent, &options).unwrap());
-        assert_eq!(found.len(), direct.len());
-        for (shape, winograd) in found {
-            assert_eq!(winograd, (if shape == chosen { form } else { rest }) == f2, "{shape:?}");
         }
     }
 }

@@ -7,13 +7,14 @@ use common::device::{assert_no_validation_messages, device};
 use common::vulkan::Renderer;
 use cpu_time::ProcessTime;
 use std::sync::{Mutex, PoisonError};
+use vkdenoise::microbench::PartRunner;
 use vkdenoise::net::{Convolution, Graph};
-use vkdenoise::plan::PlanOptions;
-use vkdenoise::profile::{PartRunner, Roof};
+use vkdenoise::profile::Roof;
+use vkdenoise::target::Target;
 use vkdenoise::{
     BufferFrame, BufferPlane, Denoiser, Device, DeviceKind, DeviceOptions, DeviceSelector, Error, Extent, Features,
-    Frame, FrameOptions, KernelRecord, Layout, Options, Plane, PlaneMut, Precision, Profiler, RendererDevice,
-    SampleFormat, Weights,
+    Frame, FrameOptions, KernelRecord, Layout, Options, Plane, PlaneMut, Precision, RendererDevice, SampleFormat,
+    Weights,
 };
 
 const EXTENT: Extent = Extent::new(150, 100);
@@ -120,7 +121,7 @@ fn a_renderers_frames_have_slots_of_their_own() {
     // SAFETY: the buffer lives to the end of the test.
     let binding = unsafe { pass.bind_buffers(&frame) }.unwrap();
 
-    let profiler = Profiler::new(&pass, 2).unwrap();
+    let profiler = pass.profiler(2).unwrap();
     assert!(profiler.read(0).unwrap().is_none(), "nothing was recorded");
     renderer.record_only(|commands| {
         // SAFETY: nothing of it is submitted.
@@ -145,7 +146,7 @@ fn a_renderers_frames_have_slots_of_their_own() {
     }
 
     let other = denoiser.pass(Extent::new(8, 8)).unwrap();
-    let refused = Profiler::new(&other, 0);
+    let refused = other.profiler(0);
     assert!(matches!(refused, Err(Error::InvalidOption { option: "slots", .. })));
     assert!(matches!(profiler.read(2), Err(Error::InvalidOption { option: "slot", .. })));
     renderer.record_only(|commands| {
@@ -159,7 +160,7 @@ fn a_renderers_frames_have_slots_of_their_own() {
     // SAFETY: as above.
     let without = unsafe { Device::from_renderer(handles) }.unwrap();
     let denoiser = Denoiser::new(&without, &Weights::hybrid().unwrap(), &Options::default()).unwrap();
-    let refused = Profiler::new(&denoiser.pass(Extent::new(8, 8)).unwrap(), 1);
+    let refused = denoiser.pass(Extent::new(8, 8)).unwrap().profiler(1);
     let Err(Error::Unsupported { missing, .. }) = refused else { panic!("timestamps that nobody can reset") };
     assert_eq!(missing, "hostQueryReset");
     drop((denoiser, without));
@@ -178,7 +179,7 @@ fn without_timestamps_the_host_times_whole_passes() {
     let refused = denoiser.set_profiling(true).unwrap_err().to_string();
     assert!(refused.contains("timestampValidBits"), "{refused}");
     let pass = denoiser.pass(extent).unwrap();
-    assert!(matches!(Profiler::new(&pass, 1), Err(Error::Unsupported { .. })));
+    assert!(matches!(pass.profiler(1), Err(Error::Unsupported { .. })));
     let rgb = Layout::interleaved(extent, 3);
     let color = vec![0.5; 3 * 64];
     let mut output = vec![0.0; 3 * 64];
@@ -189,8 +190,7 @@ fn without_timestamps_the_host_times_whole_passes() {
 
     let graph = Graph::of_convolution(Convolution::Standard, 8).unwrap();
     let weights = Weights::hashed(&graph.arch, PREPROCESSING, 1).unwrap();
-    let mut part =
-        PartRunner::new(&device, &graph, &weights, extent, &PlanOptions::default(), Precision::Auto).unwrap();
+    let mut part = PartRunner::new(&device, &graph, &weights, extent, &Target::default(), Precision::Auto).unwrap();
     let run = part.run().unwrap();
     assert!(run.milliseconds > 0.0 && run.records.is_empty());
     assert_eq!(device.validation_messages(), Vec::<String>::new());

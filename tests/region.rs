@@ -9,14 +9,15 @@ use vkdenoise::kernels::winograd::WinogradTile;
 use vkdenoise::kernels::{Call, Tiles};
 use vkdenoise::net::graph::{Graph, Stage};
 use vkdenoise::net::{Arch, Block, Bottleneck, Decoder, Folds, Head, StageSpec};
-use vkdenoise::plan::{ConvAlgorithm, Plan, PlanOptions, SeparableForm, plan};
+use vkdenoise::plan::{Plan, plan};
+use vkdenoise::target::{ConvAlgorithm, SeparableForm, Target};
 use vkdenoise::{
     Denoiser, Error, Extent, Features, Frame, Layout, Options, Plane, PlaneMut, Precision, Region, Weights,
 };
 
 /// In one piece: bands compute their borders twice, whichever part is wanted.
 fn hybrid(extent: Extent, folds: Folds) -> Plan {
-    let options = PlanOptions { max_chain_bytes: u64::MAX, folds, ..PlanOptions::default() };
+    let options = Target { max_chain_bytes: u64::MAX, folds, ..Target::default() };
     plan(&Graph::new(&Arch::hybrid()).unwrap(), extent, &options).unwrap()
 }
 
@@ -58,15 +59,15 @@ fn the_whole_frame_is_a_region() {
     let extent = Extent::new(200, 136);
     let plan = hybrid(extent, Folds::ALL);
     for (part, whole) in plan.of_region(Region::all(extent)).iter().zip(&plan.dispatches) {
-        let Some((tiles, width, height)) = part.call.tiles() else { continue };
-        let Tiles::Rect(rect) = tiles else { panic!("{}: {tiles:?}", part.name) };
+        let Some(grid) = part.call.grid() else { continue };
+        let Tiles::Rect(rect) = grid.tiles else { panic!("{}: {grid:?}", part.name) };
         // Padding is needed as far as the network looks; of the frame itself, everything.
         let end = rect.tokens();
-        let (padded_width, padded_height) = (width.next_multiple_of(8), height.next_multiple_of(8));
+        let (padded_width, padded_height) = (grid.width.next_multiple_of(8), grid.height.next_multiple_of(8));
         assert!(end.right <= padded_width && end.bottom <= padded_height, "{}: {rect:?}", part.name);
         assert!(part.flops <= whole.flops, "{}", part.name);
         if let Call::Output(_) = part.call {
-            assert_eq!(rect.count(), Tiles::All.count(width, height));
+            assert_eq!(rect.count(), grid.counts()[1]);
         }
     }
 }
@@ -107,7 +108,7 @@ fn check_rectangles(weights: &Weights, options: &Options, extent: Extent, seed: 
     let mut whole = vec![f32::NAN; color.len()];
     denoiser.denoise(&frame, PlaneMut::f32(&mut whole, rgb)).unwrap();
 
-    let plan = plan(&Graph::new(weights.arch()).unwrap(), extent, &PlanOptions::default()).unwrap();
+    let plan = plan(&Graph::new(weights.arch()).unwrap(), extent, &Target::default()).unwrap();
     for _ in 0..count {
         let (width, height) = (random.integer(1, extent.width.min(90)), random.integer(1, extent.height.min(90)));
         let (x, y) = (random.integer(0, extent.width - width), random.integer(0, extent.height - height));
@@ -115,9 +116,7 @@ fn check_rectangles(weights: &Weights, options: &Options, extent: Extent, seed: 
         let idle: Vec<Stage> = plan
             .of_region(region)
             .iter()
-            .filter(|dispatch| {
-                dispatch.call.tiles().is_some_and(|(tiles, w, h)| tiles.count(w, h) < Tiles::All.count(w, h))
-            })
+            .filter(|dispatch| dispatch.call.grid().is_some_and(|grid| grid.counts()[0] < grid.counts()[1]))
             .map(|dispatch| dispatch.stage)
             .collect();
         for stage in inactive {

@@ -10,7 +10,7 @@ use half::f16;
 use vkdenoise::frame::{Extent, Region};
 use vkdenoise::kernels::frame_io::{Fireflies, InputAux, InputColor, Output};
 use vkdenoise::kernels::stats::{self, Clear, Counted, Histogram, Select, TileStats};
-use vkdenoise::kernels::{BufferId, Call, PlaneArgs, Storage, Tiles, Variants, View};
+use vkdenoise::kernels::{BufferId, Call, KernelTarget, PlaneArgs, Storage, Tiles, View};
 use vkdenoise::net::{Block, Convolution, Weights};
 use vkdenoise::plan::{Buffer, Place};
 use vkdenoise::reference::Reference;
@@ -26,7 +26,7 @@ const TILE_LIST: BufferId = BufferId(6);
 const DEPTH_SCALE: BufferId = BufferId(7);
 const RUNS: BufferId = BufferId(8);
 
-const BUFFER_VARIANTS: Variants = Variants { cpu: false, images: false, output_half: false };
+const BUFFER_VARIANTS: KernelTarget = KernelTarget { cpu: false, images: false, output_half: false };
 
 /// The grid that a frame is padded to: more than it needs, so that small ones are mirrored again and again.
 fn padded(extent: Extent) -> (u32, u32) {
@@ -86,9 +86,9 @@ struct Rig<'a> {
 }
 
 impl<'a> Rig<'a> {
-    fn new(name: &'a str, frame: &TestFrame, buffers: &'a [Buffer], variants: Variants) -> Self {
+    fn new(name: &'a str, frame: &TestFrame, buffers: &'a [Buffer], target: KernelTarget) -> Self {
         let weights = any_weights();
-        let mut bench = Bench::new(device(), variants).unwrap();
+        let mut bench = Bench::new(device(), target).unwrap();
         make_buffers(&mut bench, buffers, &weights);
         let mut used = buffers.iter().map(|buffer| buffer.bytes).collect();
         frame.upload(&mut bench, &mut used);
@@ -409,7 +409,7 @@ fn the_way_out() {
         let extent = frame.extent;
         let output_half = i % 3 == 2;
         let buffers = buffers(extent);
-        let mut rig = Rig::new(name, &frame, &buffers, Variants { output_half, ..BUFFER_VARIANTS });
+        let mut rig = Rig::new(name, &frame, &buffers, KernelTarget { output_half, ..BUFFER_VARIANTS });
         let exposure = [0.36, 1e-5, 2e4, 1e-33][i % 4];
         let mut random = Random::new(i as u64);
         let tokens = log_color(extent).tokens() as usize;

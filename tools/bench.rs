@@ -59,9 +59,6 @@ enum Command {
         /// Weights instead of the built-in ones.
         #[arg(long)]
         weights: Option<PathBuf>,
-        /// Measure the forms of convolutions first, or take them from the user's cache.
-        #[arg(long)]
-        tune: bool,
         #[command(flatten)]
         forms: Forms,
     },
@@ -120,13 +117,10 @@ fn parse_size(text: &str) -> Result<Extent, String> {
 
 fn main() -> ExitCode {
     let outcome: stress::Result<()> = match Arguments::parse().command {
-        Command::Pass { size, repeat, warm_up, on_request, device, weights, tune, forms } => {
+        Command::Pass { size, repeat, warm_up, on_request, device, weights, forms } => {
             Device::open(&device).map_err(Into::into).and_then(|device| {
                 let weights = weights.map_or_else(Weights::hybrid, |path| Ok(Weights::from_file(path)?))?;
-                let denoiser = match tune {
-                    true => Denoiser::tuned(&device, &weights, &forms.options(), size)?,
-                    false => Denoiser::new(&device, &weights, &forms.options())?,
-                };
+                let denoiser = Denoiser::new(&device, &weights, &forms.options())?;
                 Ok(pass(denoiser, size, (warm_up, repeat), on_request)?)
             })
         }

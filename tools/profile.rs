@@ -95,7 +95,7 @@ fn run(command: Command) -> Result<(), Failure> {
         }
         Command::Tables { size, common, json } => tables::tables(&Session::open(&common)?, size, json),
         Command::Plan { arch, size, precision, target, common, json } => {
-            plan::plan_of(&arch, size, precision, &plan::Target::find(&target, &common)?, json)
+            plan::plan_of(&arch, size, precision, &plan::Machine::find(&target, &common)?, json)
         }
         Command::Roof { common, json } => {
             let header = Session::open(&common)?.header();

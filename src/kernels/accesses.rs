@@ -13,7 +13,7 @@ use super::separable::Separable3x3;
 use super::unembed::Unembed;
 use super::window_attention::WindowAttention;
 use super::winograd::Winograd3x3;
-use super::{Call, TILE, Variants};
+use super::{Call, TILE, Variant};
 
 /// Loads and stores of all invocations of a dispatch together, each of a vector of four floats or, in shared memory and
 /// where the shader works on scalars, of one. Loads that only fetch arguments (tile lists) are left out.
@@ -57,15 +57,15 @@ impl Accesses {
 impl Call {
     /// What the invocations ask of memory; `None` for the kernels over the caller's planes and their statistics, for which
     /// it depends on the frame, and for what makes lists of active tiles.
-    pub fn accesses(&self, variants: Variants) -> Option<Accesses> {
-        let (contract, special) = (self.kernel().contract(variants), self.kernel().specialisation());
+    pub fn accesses(&self, variant: &Variant) -> Option<Accesses> {
+        let Variant { contract, special, .. } = *variant;
         Some(match self {
             Self::Conv3x3(k) if contract.needs_matrix() => matrix::conv3x3(k, special),
             Self::Linear(k) if contract.needs_matrix() => matrix::linear(k, special),
             Self::Separable3x3(k) if contract.needs_matrix() => matrix::separable3x3(k, special),
             Self::WindowAttention(k) if contract.needs_matrix() => matrix::window_attention(k),
             Self::Unembed(k) if contract.needs_matrix() => matrix::unembed(k),
-            Self::AuxProjection(_) => matrix::aux_projection(self.kernel().groups(variants)),
+            Self::AuxProjection(_) => matrix::aux_projection(self.kernel().groups(variant)),
             Self::Conv3x3(k) => conv3x3(k, contract),
             Self::Winograd3x3(k) => winograd3x3(k, contract),
             Self::Linear(k) => linear(k, contract),

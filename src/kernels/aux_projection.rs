@@ -1,10 +1,12 @@
 //! The projection of albedo, normal and depth as one kernel, for matrices: as nine, its maps at full resolution would go through
 //! memory nine times.
 
-use super::contract::Contract;
 use super::contracts;
 use super::pushes::AuxProjectionPush;
-use super::{Addresses, BufferId, Kernel, PushBytes, Storage, TILE, Tiles, Traffic, Variants, View, groups};
+use super::{
+    Access, Addresses, BufferId, Grid, Kernel, KernelTarget, PushBytes, Scale, Storage, TILE, Tiles, Traffic, Variant,
+    View, groups,
+};
 
 /// Channels of the source, seven and a zero.
 pub const AUX_CHANNELS: u32 = 8;
@@ -39,7 +41,7 @@ impl AuxProjection {
     }
 
     /// Columns and rows of tiles.
-    fn grid(&self) -> [u32; 2] {
+    fn cells(&self) -> [u32; 2] {
         match self.tiles {
             Tiles::Rect(rect) => [rect.columns, rect.rows],
             Tiles::All | Tiles::List { .. } => [self.dst.width, self.dst.height].map(|side| side.div_ceil(TILE)),
@@ -48,17 +50,25 @@ impl AuxProjection {
 }
 
 impl Kernel for AuxProjection {
-    fn contract(&self, _: Variants) -> &'static Contract {
-        &contracts::AUX_PROJECTION_MATRIX
+    fn choose(&self, _: KernelTarget) -> Variant {
+        Variant::plain(&contracts::AUX_PROJECTION_MATRIX)
     }
 
-    fn groups(&self, _: Variants) -> [u32; 3] {
-        let [columns, rows] = self.grid();
+    fn groups(&self, _: &Variant) -> [u32; 3] {
+        let [columns, rows] = self.cells();
         groups(columns.div_ceil(2) * rows * 2, 1)
     }
 
+    fn grid(&self) -> Option<Grid> {
+        Some(Grid::of(self.tiles, &self.dst))
+    }
+
+    fn tiles_mut(&mut self) -> Option<&mut Tiles> {
+        Some(&mut self.tiles)
+    }
+
     fn push(&self, at: &Addresses) -> PushBytes {
-        let [columns, rows] = self.grid();
+        let [columns, rows] = self.cells();
         let [pointwise, depthwise, out] = [self.pointwise, self.depthwise, self.out].map(|ids| ids.map(|id| at.of(id)));
         PushBytes::new(&AuxProjectionPush {
             src: at.view(&self.src),
@@ -83,12 +93,17 @@ impl Kernel for AuxProjection {
         })
     }
 
-    fn traffic(&self) -> Traffic {
+    fn maps(&mut self, visit: &mut dyn FnMut(&mut View, Access)) {
+        visit(&mut self.src, Access::around(1, REACH));
+        visit(&mut self.dst, Access::Write(Scale::Same));
+    }
+
+    fn others(&self) -> Traffic {
         let channels = u64::from(CHANNELS);
         let dense = |inputs: u32| (2 * u64::from(inputs) + 4) * channels;
-        let mut reads = vec![(self.src.buffer, self.src.bytes()), (self.pointwise[0], dense(AUX_CHANNELS))];
+        let mut reads = vec![(self.pointwise[0], dense(AUX_CHANNELS))];
         reads.extend(self.pointwise[1..].iter().chain(&self.out).map(|id| (*id, dense(CHANNELS))));
         reads.extend(self.depthwise.map(|id| (id, 40 * channels)));
-        Traffic { reads, writes: vec![(self.dst.buffer, self.dst.bytes())] }
+        Traffic::reading(reads)
     }
 }

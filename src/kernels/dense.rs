@@ -5,8 +5,8 @@ use super::contracts::{self, halves};
 use super::on_matrices;
 use super::pushes::{Conv3x3Push, LinearPush};
 use super::{
-    Activation, Addresses, Arithmetic, BufferId, Kernel, PushBytes, Shuffle, Storage, TexelRange, Tiles, Traffic,
-    Variants, View, activation_flag, by_storage, flags, groups,
+    Access, Activation, Addresses, Arithmetic, BufferId, Grid, Kernel, KernelTarget, PushBytes, Scale, Shuffle,
+    Storage, TexelRange, Tiles, Traffic, Variant, View, activation_flag, by_storage, flags, groups,
 };
 
 /// Output channels of one workgroup, and what the packer pads the weights to.
@@ -78,26 +78,11 @@ impl Conv3x3 {
     fn chosen(&self) -> Option<(&'static Contract, Specialisation)> {
         self.on_matrices().filter(|_| self.arithmetic == Arithmetic::Matrices)
     }
-}
 
-/// Workgroups for tiles and channels. A workgroup has 64 invocations of so many tokens each as the variant defines.
-pub(super) fn dense_groups(tiles: u32, channels: u32, tile_channels: u32, contract: &Contract) -> [u32; 3] {
-    groups(tiles.div_ceil(tiles_a_group(contract)), channels.div_ceil(tile_channels))
-}
-
-/// Tiles of a workgroup.
-pub(super) fn tiles_a_group(contract: &Contract) -> u32 {
-    (contract.define("TX") * contract.define("TY")) as u32
-}
-
-impl Kernel for Conv3x3 {
-    fn contract(&self, variants: Variants) -> &'static Contract {
-        if let Some((contract, _)) = self.chosen() {
-            return contract;
-        }
+    fn on_floats(&self, target: KernelTarget) -> &'static Contract {
         // Texels are of any type.
         let of = |f32, f16| by_storage(self.dst.storage, f32, f16);
-        let (alike, cpu) = (self.src.storage == self.dst.storage, variants.for_texels(&self.texels()).cpu);
+        let (alike, cpu) = (self.src.storage == self.dst.storage, target.cpu_with(&self.texels()));
         if conv_tile_channels(self.channels) == NARROW_CHANNELS {
             return match (cpu, alike) {
                 (true, _) => of(&contracts::CONV3X3_N4_CPU, &halves::CONV3X3_N4_CPU),
@@ -117,40 +102,69 @@ impl Kernel for Conv3x3 {
         }
     }
 
-    fn specialisation(&self) -> Specialisation {
+    /// What becomes of its sums.
+    pub(super) fn epilogue(&self) -> u32 {
         let shuffle = match self.shuffle {
             Shuffle::None => 0,
             Shuffle::Unshuffle => flags::UNSHUFFLE,
             Shuffle::Shuffle => flags::SHUFFLE,
         };
-        let flags = shuffle | epilogue_flags(self.activation, self.film, self.residual.as_ref());
-        let shape = self.chosen().map(|(_, special)| special).unwrap_or_default();
-        Specialisation { epilogue: flags, ..shape }
+        shuffle | epilogue_flags(self.activation, self.film, self.residual.as_ref())
     }
+}
 
-    fn groups(&self, variants: Variants) -> [u32; 3] {
-        let (width, height) = self.result_size();
-        if let Some((_, special)) = self.chosen() {
-            return on_matrices::groups_of(special, self.tiles.count(width, height), self.channels);
+/// Workgroups of a variant for tiles and channels; without matrices each computes `tile_channels` of them.
+pub(super) fn dense_groups(variant: &Variant, tiles: u32, channels: u32, tile_channels: u32) -> [u32; 3] {
+    match variant.is_on_matrices() {
+        true => on_matrices::groups_of(variant.special, tiles, channels),
+        false => groups(tiles.div_ceil(variant.tiles_a_group), channels.div_ceil(tile_channels)),
+    }
+}
+
+impl Kernel for Conv3x3 {
+    fn choose(&self, target: KernelTarget) -> Variant {
+        let epilogue = self.epilogue();
+        match self.chosen() {
+            Some((contract, special)) => Variant::on_matrices(contract, Specialisation { epilogue, ..special }),
+            None => Variant::dense(self.on_floats(target), Specialisation { epilogue, ..Specialisation::default() }),
         }
-        let tile_channels = conv_tile_channels(self.channels);
-        dense_groups(self.tiles.count(width, height), self.channels, tile_channels, self.contract(variants))
     }
 
-    fn tiles_a_group(&self, variants: Variants) -> u32 {
-        self.chosen().map_or_else(|| tiles_a_group(self.contract(variants)), |(_, special)| special.tiles)
+    fn groups(&self, variant: &Variant) -> [u32; 3] {
+        let (width, height) = self.result_size();
+        dense_groups(variant, self.tiles.count(width, height), self.channels, conv_tile_channels(self.channels))
+    }
+
+    fn grid(&self) -> Option<Grid> {
+        let (width, height) = self.result_size();
+        Some(Grid::new(self.tiles, width, height))
+    }
+
+    fn tiles_mut(&mut self) -> Option<&mut Tiles> {
+        Some(&mut self.tiles)
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {
         self.push_with(at, self.channels.next_multiple_of(conv_tile_channels(self.channels)) / 4)
     }
 
-    fn texels(&self) -> Vec<TexelRange> {
-        dense_texels(&self.src, self.weights, self.film, self.residual.as_ref())
+    fn maps(&mut self, visit: &mut dyn FnMut(&mut View, Access)) {
+        visit(&mut self.src, Access::around(self.stride, 1));
+        self.residual.iter_mut().for_each(|residual| visit(residual, Access::Residual));
+        let scale = match self.shuffle {
+            Shuffle::None => Scale::Same,
+            Shuffle::Shuffle => Scale::Double,
+            Shuffle::Unshuffle => Scale::Half,
+        };
+        visit(&mut self.dst, Access::Write(scale));
     }
 
-    fn traffic(&self) -> Traffic {
-        self.traffic_with(weight_bytes(u64::from(self.src.channels) * 9, self.channels, self.arithmetic))
+    fn others(&self) -> Traffic {
+        self.others_with(weight_bytes(u64::from(self.src.channels) * 9, self.channels, self.arithmetic))
+    }
+
+    fn texels(&self) -> Vec<TexelRange> {
+        dense_texels(&self.src, self.weights, self.film, self.residual.as_ref())
     }
 }
 
@@ -180,12 +194,10 @@ impl Conv3x3 {
         })
     }
 
-    /// Memory that it touches, so many bytes of it weights.
-    pub(super) fn traffic_with(&self, weights: u64) -> Traffic {
-        let mut traffic = dense_traffic(&[&self.src], &self.dst, self.weights, weights);
-        traffic.reads.extend(self.film.map(|film| (film, u64::from(self.channels) * 8)));
-        traffic.reads.extend(self.residual.map(|r| (r.buffer, r.bytes())));
-        traffic
+    /// What it reads beside maps, so many bytes of it weights.
+    pub(super) fn others_with(&self, weights: u64) -> Traffic {
+        let film = self.film.map(|film| (film, u64::from(self.channels) * 8));
+        Traffic::reading([(self.weights, weights)].into_iter().chain(film))
     }
 }
 
@@ -245,6 +257,24 @@ impl Linear {
         self.on_matrices().filter(|_| self.arithmetic == Arithmetic::Matrices)
     }
 
+    fn on_floats(&self, target: KernelTarget) -> &'static Contract {
+        let of = |f32, f16| by_storage(self.dst.storage, f32, f16);
+        let cpu = target.cpu_with(&self.texels());
+        if let Some(stationary) = self.stationary().filter(|_| cpu) {
+            return stationary;
+        }
+        match (self.norm, cpu) {
+            (true, _) => of(&contracts::LINEAR_NORM, &halves::LINEAR_NORM),
+            (false, true) => of(&contracts::LINEAR_CPU, &halves::LINEAR_CPU),
+            (false, false) => of(&contracts::LINEAR, &halves::LINEAR),
+        }
+    }
+
+    /// What becomes of its sums.
+    pub(super) fn epilogue(&self) -> u32 {
+        epilogue_flags(self.activation, self.film, self.residual.as_ref())
+    }
+
     /// The variant for CPU drivers that holds all inputs, where there is one for so many.
     fn stationary(&self) -> Option<&'static Contract> {
         let of = |f32, f16| Some(by_storage(self.dst.storage, f32, f16));
@@ -264,38 +294,27 @@ impl Linear {
 }
 
 impl Kernel for Linear {
-    fn contract(&self, variants: Variants) -> &'static Contract {
-        let of = |f32, f16| by_storage(self.dst.storage, f32, f16);
-        if self.chosen().is_some() {
-            return if self.norm { &contracts::LINEAR_NORM_MATRIX } else { &contracts::LINEAR_MATRIX };
-        }
-        let cpu = variants.for_texels(&self.texels()).cpu;
-        if let Some(stationary) = self.stationary().filter(|_| cpu) {
-            return stationary;
-        }
-        match (self.norm, cpu) {
-            (true, _) => of(&contracts::LINEAR_NORM, &halves::LINEAR_NORM),
-            (false, true) => of(&contracts::LINEAR_CPU, &halves::LINEAR_CPU),
-            (false, false) => of(&contracts::LINEAR, &halves::LINEAR),
+    fn choose(&self, target: KernelTarget) -> Variant {
+        let special = Specialisation { epilogue: self.epilogue(), ..self.chosen().unwrap_or_default() };
+        match self.chosen() {
+            Some(_) if self.norm => Variant::on_matrices(&contracts::LINEAR_NORM_MATRIX, special),
+            Some(_) => Variant::on_matrices(&contracts::LINEAR_MATRIX, special),
+            None => Variant::dense(self.on_floats(target), special),
         }
     }
 
-    fn specialisation(&self) -> Specialisation {
-        let flags = epilogue_flags(self.activation, self.film, self.residual.as_ref());
-        Specialisation { epilogue: flags, ..self.chosen().unwrap_or_default() }
+    fn groups(&self, variant: &Variant) -> [u32; 3] {
+        let outputs = self.dst.channels;
+        let channels = if variant.contract.has("INPUTS") { outputs } else { TILE_CHANNELS };
+        dense_groups(variant, self.tiles.count(self.dst.width, self.dst.height), outputs, channels)
     }
 
-    fn groups(&self, variants: Variants) -> [u32; 3] {
-        let (tiles, contract) = (self.tiles.count(self.dst.width, self.dst.height), self.contract(variants));
-        if let Some(special) = self.chosen() {
-            return on_matrices::groups_of(special, tiles, self.dst.channels);
-        }
-        let channels = if contract.has("INPUTS") { self.dst.channels } else { TILE_CHANNELS };
-        dense_groups(tiles, self.dst.channels, channels, contract)
+    fn grid(&self) -> Option<Grid> {
+        Some(Grid::of(self.tiles, &self.dst))
     }
 
-    fn tiles_a_group(&self, variants: Variants) -> u32 {
-        self.chosen().map_or_else(|| tiles_a_group(self.contract(variants)), |special| special.tiles)
+    fn tiles_mut(&mut self) -> Option<&mut Tiles> {
+        Some(&mut self.tiles)
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {
@@ -322,19 +341,23 @@ impl Kernel for Linear {
         })
     }
 
+    fn maps(&mut self, visit: &mut dyn FnMut(&mut View, Access)) {
+        visit(&mut self.src, Access::SAME);
+        self.src_b.iter_mut().for_each(|source| visit(source, Access::SAME));
+        self.residual.iter_mut().for_each(|residual| visit(residual, Access::Residual));
+        visit(&mut self.dst, Access::Write(Scale::Same));
+    }
+
+    fn others(&self) -> Traffic {
+        let weights = weight_bytes(self.inputs().into(), self.dst.channels, self.arithmetic);
+        let film = self.film.map(|film| (film, u64::from(self.dst.channels) * 8));
+        Traffic::reading([(self.weights, weights)].into_iter().chain(film))
+    }
+
     fn texels(&self) -> Vec<TexelRange> {
         let mut ranges = dense_texels(&self.src, self.weights, self.film, self.residual.as_ref());
         ranges.push(self.src_b.as_ref().unwrap_or(&self.src).into());
         ranges
-    }
-
-    fn traffic(&self) -> Traffic {
-        let weights = weight_bytes(self.inputs().into(), self.dst.channels, self.arithmetic);
-        let sources: Vec<&View> = [Some(&self.src), self.src_b.as_ref()].into_iter().flatten().collect();
-        let mut traffic = dense_traffic(&sources, &self.dst, self.weights, weights);
-        traffic.reads.extend(self.film.map(|film| (film, u64::from(self.dst.channels) * 8)));
-        traffic.reads.extend(self.residual.map(|r| (r.buffer, r.bytes())));
-        traffic
     }
 }
 
@@ -350,10 +373,4 @@ pub(super) fn dense_texels(
     residual: Option<&View>,
 ) -> Vec<TexelRange> {
     vec![src.into(), weights.into(), film.unwrap_or(weights).into(), residual.unwrap_or(src).into()]
-}
-
-fn dense_traffic(sources: &[&View], dst: &View, weights: BufferId, weight_bytes: u64) -> Traffic {
-    let mut reads: Vec<_> = sources.iter().map(|s| (s.buffer, s.bytes())).collect();
-    reads.push((weights, weight_bytes));
-    Traffic { reads, writes: vec![(dst.buffer, dst.bytes())] }
 }

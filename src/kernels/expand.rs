@@ -1,9 +1,11 @@
 //! A small map made large.
 
-use super::contract::Contract;
 use super::contracts::{self, halves};
 use super::pushes::ExpandPush;
-use super::{Addresses, HALF_TILE, Kernel, PushBytes, TexelRange, Tiles, Traffic, Variants, View, by_storage, groups};
+use super::{
+    Access, Addresses, Footprint, Grid, HALF_TILE, Kernel, KernelTarget, PushBytes, Scale, TexelRange, Tiles, Variant,
+    View, by_storage, groups,
+};
 
 /// Repeats the middle of a map whose middle is all alike, half tile by half tile; its borders stay at the borders.
 #[derive(Clone, Debug, PartialEq)]
@@ -32,15 +34,23 @@ impl Expand {
 }
 
 impl Kernel for Expand {
-    fn contract(&self, variants: Variants) -> &'static Contract {
-        match variants.for_texels(&self.texels()).cpu {
+    fn choose(&self, target: KernelTarget) -> Variant {
+        Variant::plain(match target.cpu_with(&self.texels()) {
             true => by_storage(self.dst.storage, &contracts::EXPAND_CPU, &halves::EXPAND_CPU),
             false => by_storage(self.dst.storage, &contracts::EXPAND, &halves::EXPAND),
-        }
+        })
     }
 
-    fn groups(&self, _: Variants) -> [u32; 3] {
+    fn groups(&self, _: &Variant) -> [u32; 3] {
         groups(self.tiles.count(self.dst.width, self.dst.height), 1)
+    }
+
+    fn grid(&self) -> Option<Grid> {
+        Some(Grid::of(self.tiles, &self.dst))
+    }
+
+    fn tiles_mut(&mut self) -> Option<&mut Tiles> {
+        Some(&mut self.tiles)
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {
@@ -61,12 +71,13 @@ impl Kernel for Expand {
         })
     }
 
-    fn texels(&self) -> Vec<TexelRange> {
-        vec![(&self.src).into()]
+    fn maps(&mut self, visit: &mut dyn FnMut(&mut View, Access)) {
+        visit(&mut self.src, Access::Read(Footprint::Whole));
+        visit(&mut self.dst, Access::Write(Scale::Same));
     }
 
-    fn traffic(&self) -> Traffic {
-        Traffic { reads: vec![(self.src.buffer, self.src.bytes())], writes: vec![(self.dst.buffer, self.dst.bytes())] }
+    fn texels(&self) -> Vec<TexelRange> {
+        vec![(&self.src).into()]
     }
 }
 

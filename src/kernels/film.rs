@@ -3,11 +3,12 @@
 //! The mean is summed in two levels of fixed order, so that every run gives the same bits. Where quiet squares are left out
 //! ([`super::quiet`]), it is estimated: a sample of them stands for all.
 
-use super::contract::Contract;
 use super::contracts::{self, halves};
 use super::pushes::{FilmVectorPush, TokenSumPush};
 use super::quiet::{MAP_TILE, Sample};
-use super::{Addresses, BufferId, Kernel, PushBytes, Traffic, Variants, View, by_storage, groups};
+use super::{
+    Access, Addresses, BufferId, Footprint, Kernel, KernelTarget, PushBytes, Traffic, Variant, View, by_storage, groups,
+};
 
 /// Most partial sums of a frame.
 const MAX_SUMS: u64 = 512;
@@ -75,11 +76,11 @@ impl TokenSum {
 }
 
 impl Kernel for TokenSum {
-    fn contract(&self, _: Variants) -> &'static Contract {
-        by_storage(self.src.storage, &contracts::TOKEN_SUM, &halves::TOKEN_SUM)
+    fn choose(&self, _: KernelTarget) -> Variant {
+        Variant::plain(by_storage(self.src.storage, &contracts::TOKEN_SUM, &halves::TOKEN_SUM))
     }
 
-    fn groups(&self, _: Variants) -> [u32; 3] {
+    fn groups(&self, _: &Variant) -> [u32; 3] {
         groups(self.sums() as u32, 1)
     }
 
@@ -106,16 +107,18 @@ impl Kernel for TokenSum {
         })
     }
 
-    fn traffic(&self) -> Traffic {
-        let tokens = self.real_tokens() * u64::from(self.src.channels) * self.src.storage.bytes();
-        let mut traffic =
-            Traffic { reads: vec![(self.src.buffer, tokens)], writes: vec![(self.dst, self.sums_bytes())] };
+    fn maps(&mut self, visit: &mut dyn FnMut(&mut View, Access)) {
+        visit(&mut self.src, Access::Read(Footprint::Whole));
+    }
+
+    fn others(&self) -> Traffic {
+        let mut others = Traffic { reads: Vec::new(), writes: vec![(self.dst, self.sums_bytes())] };
         if let Some(computed) = &self.computed {
             let rows = (self.real_height * computed.token_pixels).div_ceil(MAP_TILE);
-            traffic.reads.push((computed.map, u64::from(computed.columns) * u64::from(rows) * 4));
-            traffic.writes.push((computed.counts, self.counts_bytes()));
+            others.reads.push((computed.map, u64::from(computed.columns) * u64::from(rows) * 4));
+            others.writes.push((computed.counts, self.counts_bytes()));
         }
-        traffic
+        others
     }
 }
 
@@ -142,11 +145,11 @@ pub struct FilmVector {
 }
 
 impl Kernel for FilmVector {
-    fn contract(&self, _: Variants) -> &'static Contract {
-        &contracts::FILM_VECTOR
+    fn choose(&self, _: KernelTarget) -> Variant {
+        Variant::plain(&contracts::FILM_VECTOR)
     }
 
-    fn groups(&self, _: Variants) -> [u32; 3] {
+    fn groups(&self, _: &Variant) -> [u32; 3] {
         [1, 1, 1]
     }
 
@@ -166,7 +169,7 @@ impl Kernel for FilmVector {
         })
     }
 
-    fn traffic(&self) -> Traffic {
+    fn others(&self) -> Traffic {
         let (channels, outputs) = (u64::from(self.channels), u64::from(self.outputs));
         let kinds = if self.counts.is_some() { 2 } else { 1 };
         let partials = (self.partials, kinds * self.sums * channels * 4);

@@ -1,11 +1,11 @@
 //! The frame's way into the network and out of it.
 
-use super::contract::Contract;
 use super::contracts::{self, halves};
 use super::pushes::{InputAuxPush, InputColorPush, OutputPush};
 use super::stats::STATS_FLOATS;
 use super::{
-    Addresses, BufferId, Kernel, PlaneArgs, PushBytes, TILE, Tiles, Traffic, Variants, View, by_storage, flags, groups,
+    Access, Addresses, BufferId, Grid, Kernel, KernelTarget, PlaneArgs, PushBytes, Scale, TILE, Tiles, Traffic,
+    Variant, View, by_storage, flags, groups,
 };
 use crate::error::{Error, Result};
 use crate::frame::Region;
@@ -81,12 +81,20 @@ pub struct InputColor {
 }
 
 impl Kernel for InputColor {
-    fn contract(&self, variants: Variants) -> &'static Contract {
-        if variants.images { &contracts::INPUT_COLOR_IMAGE } else { &contracts::INPUT_COLOR }
+    fn choose(&self, target: KernelTarget) -> Variant {
+        Variant::plain(if target.images { &contracts::INPUT_COLOR_IMAGE } else { &contracts::INPUT_COLOR })
     }
 
-    fn groups(&self, _: Variants) -> [u32; 3] {
+    fn groups(&self, _: &Variant) -> [u32; 3] {
         groups(self.tiles.count(self.dst.width, self.dst.height), 1)
+    }
+
+    fn grid(&self) -> Option<Grid> {
+        Some(Grid::of(self.tiles, &self.dst))
+    }
+
+    fn tiles_mut(&mut self) -> Option<&mut Tiles> {
+        Some(&mut self.tiles)
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {
@@ -111,14 +119,17 @@ impl Kernel for InputColor {
         })
     }
 
-    fn reads_color(&self) -> bool {
-        true
+    fn maps(&mut self, visit: &mut dyn FnMut(&mut View, Access)) {
+        visit(&mut self.dst, Access::Write(Scale::Same));
     }
 
-    fn traffic(&self) -> Traffic {
+    fn others(&self) -> Traffic {
         // Of tiles nothing, where nothing is bright or missing.
-        let reads = vec![(self.stats, STATS_FLOATS * 4), (self.tile_stats, 0)];
-        Traffic { reads, writes: vec![(self.dst.buffer, self.dst.bytes())] }
+        Traffic::reading([(self.stats, STATS_FLOATS * 4), (self.tile_stats, 0)])
+    }
+
+    fn reads_color(&self) -> bool {
+        true
     }
 }
 
@@ -146,15 +157,23 @@ pub struct InputAux {
 }
 
 impl Kernel for InputAux {
-    fn contract(&self, variants: Variants) -> &'static Contract {
-        match variants.images {
+    fn choose(&self, target: KernelTarget) -> Variant {
+        Variant::plain(match target.images {
             true => by_storage(self.dst.storage, &contracts::INPUT_AUX_IMAGE, &halves::INPUT_AUX_IMAGE),
             false => by_storage(self.dst.storage, &contracts::INPUT_AUX, &halves::INPUT_AUX),
-        }
+        })
     }
 
-    fn groups(&self, _: Variants) -> [u32; 3] {
+    fn groups(&self, _: &Variant) -> [u32; 3] {
         groups(self.tiles.count(self.dst.width, self.dst.height), 1)
+    }
+
+    fn grid(&self) -> Option<Grid> {
+        Some(Grid::of(self.tiles, &self.dst))
+    }
+
+    fn tiles_mut(&mut self) -> Option<&mut Tiles> {
+        Some(&mut self.tiles)
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {
@@ -190,8 +209,12 @@ impl Kernel for InputAux {
         })
     }
 
-    fn traffic(&self) -> Traffic {
-        Traffic { reads: vec![(self.depth_scale, 4)], writes: vec![(self.dst.buffer, self.dst.bytes())] }
+    fn maps(&mut self, visit: &mut dyn FnMut(&mut View, Access)) {
+        visit(&mut self.dst, Access::Write(Scale::Same));
+    }
+
+    fn others(&self) -> Traffic {
+        Traffic::reading([(self.depth_scale, 4)])
     }
 }
 
@@ -222,17 +245,25 @@ pub struct Output {
 }
 
 impl Kernel for Output {
-    fn contract(&self, variants: Variants) -> &'static Contract {
-        match (variants.images, variants.output_half) {
+    fn choose(&self, target: KernelTarget) -> Variant {
+        Variant::plain(match (target.images, target.output_half) {
             (false, false) => &contracts::OUTPUT_F32,
             (false, true) => &contracts::OUTPUT_F16,
             (true, false) => &contracts::OUTPUT_IMAGE_F32,
             (true, true) => &contracts::OUTPUT_IMAGE_F16,
-        }
+        })
     }
 
-    fn groups(&self, _: Variants) -> [u32; 3] {
+    fn groups(&self, _: &Variant) -> [u32; 3] {
         groups(self.tiles.count(self.width, self.height), 1)
+    }
+
+    fn grid(&self) -> Option<Grid> {
+        Some(Grid::new(self.tiles, self.width, self.height))
+    }
+
+    fn tiles_mut(&mut self) -> Option<&mut Tiles> {
+        Some(&mut self.tiles)
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {
@@ -268,19 +299,17 @@ impl Kernel for Output {
         })
     }
 
-    fn reads_color(&self) -> bool {
-        true
+    fn maps(&mut self, visit: &mut dyn FnMut(&mut View, Access)) {
+        visit(&mut self.residual, Access::SAME);
+        visit(&mut self.log_color, Access::SAME);
     }
 
-    fn traffic(&self) -> Traffic {
-        let pixels = u64::from(self.width) * u64::from(self.height);
-        let map = |view: &View| pixels * 4 * view.storage.bytes();
-        let mut reads = vec![
-            (self.residual.buffer, map(&self.residual)),
-            (self.log_color.buffer, map(&self.log_color)),
-            (self.stats, STATS_FLOATS * 4),
-        ];
-        reads.extend(self.quiet.map(|quiet| (quiet, pixels / 64)));
-        Traffic { reads, writes: vec![] }
+    fn others(&self) -> Traffic {
+        let map = self.quiet.map(|map| (map, u64::from(self.width) * u64::from(self.height) / 64));
+        Traffic::reading([(self.stats, STATS_FLOATS * 4)].into_iter().chain(map))
+    }
+
+    fn reads_color(&self) -> bool {
+        true
     }
 }

@@ -1,11 +1,11 @@
 //! Kernels that go over a map once: depthwise convolution and layer normalisation.
 
-use super::contract::{Contract, Specialisation};
+use super::contract::Specialisation;
 use super::contracts::{self, halves};
 use super::pushes::{Depthwise3x3Push, LayerNormPush};
 use super::{
-    Activation, Addresses, BufferId, Kernel, PushBytes, TILE, TexelRange, Tiles, Traffic, Variants, View,
-    activation_flag, by_storage, groups,
+    Access, Activation, Addresses, BufferId, Grid, Kernel, KernelTarget, PushBytes, Scale, TILE, TexelRange, Tiles,
+    Traffic, Variant, View, activation_flag, by_storage, groups,
 };
 
 /// Channels of one workgroup of the depthwise kernel.
@@ -27,19 +27,25 @@ pub struct Depthwise3x3 {
 }
 
 impl Kernel for Depthwise3x3 {
-    fn contract(&self, variants: Variants) -> &'static Contract {
-        match variants.for_texels(&self.texels()).cpu {
+    fn choose(&self, target: KernelTarget) -> Variant {
+        let contract = match target.cpu_with(&self.texels()) {
             true => by_storage(self.dst.storage, &contracts::DEPTHWISE3X3_CPU, &halves::DEPTHWISE3X3_CPU),
             false => by_storage(self.dst.storage, &contracts::DEPTHWISE3X3, &halves::DEPTHWISE3X3),
-        }
+        };
+        let special = Specialisation { epilogue: activation_flag(self.activation), ..Specialisation::default() };
+        Variant { special, ..Variant::plain(contract) }
     }
 
-    fn specialisation(&self) -> Specialisation {
-        Specialisation { epilogue: activation_flag(self.activation), ..Specialisation::default() }
-    }
-
-    fn groups(&self, _: Variants) -> [u32; 3] {
+    fn groups(&self, _: &Variant) -> [u32; 3] {
         groups(self.tiles.count(self.dst.width, self.dst.height), self.dst.channels.div_ceil(DEPTHWISE_CHANNELS))
+    }
+
+    fn grid(&self) -> Option<Grid> {
+        Some(Grid::of(self.tiles, &self.dst))
+    }
+
+    fn tiles_mut(&mut self) -> Option<&mut Tiles> {
+        Some(&mut self.tiles)
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {
@@ -59,12 +65,17 @@ impl Kernel for Depthwise3x3 {
         })
     }
 
-    fn texels(&self) -> Vec<TexelRange> {
-        vec![(&self.src).into(), self.weights.into()]
+    fn maps(&mut self, visit: &mut dyn FnMut(&mut View, Access)) {
+        visit(&mut self.src, Access::around(1, 1));
+        visit(&mut self.dst, Access::Write(Scale::Same));
     }
 
-    fn traffic(&self) -> Traffic {
-        map_traffic(&self.src, &self.dst, (self.weights, u64::from(self.dst.channels) * 40))
+    fn others(&self) -> Traffic {
+        Traffic::reading([(self.weights, u64::from(self.dst.channels) * 40)])
+    }
+
+    fn texels(&self) -> Vec<TexelRange> {
+        vec![(&self.src).into(), self.weights.into()]
     }
 }
 
@@ -82,17 +93,25 @@ pub struct LayerNorm {
 }
 
 impl Kernel for LayerNorm {
-    fn contract(&self, variants: Variants) -> &'static Contract {
-        match variants.for_texels(&self.texels()).cpu {
+    fn choose(&self, target: KernelTarget) -> Variant {
+        Variant::plain(match target.cpu_with(&self.texels()) {
             true => by_storage(self.dst.storage, &contracts::LAYER_NORM_CPU, &halves::LAYER_NORM_CPU),
             false => by_storage(self.dst.storage, &contracts::LAYER_NORM, &halves::LAYER_NORM),
-        }
+        })
     }
 
-    fn groups(&self, variants: Variants) -> [u32; 3] {
+    fn groups(&self, variant: &Variant) -> [u32; 3] {
         // The rows of a tile, but for CPU drivers.
-        let rows = if self.contract(variants).has("TEXELS") { 1 } else { TILE };
+        let rows = if variant.contract.has("TEXELS") { 1 } else { TILE };
         groups(self.tiles.count(self.dst.width, self.dst.height), rows)
+    }
+
+    fn grid(&self) -> Option<Grid> {
+        Some(Grid::of(self.tiles, &self.dst))
+    }
+
+    fn tiles_mut(&mut self) -> Option<&mut Tiles> {
+        Some(&mut self.tiles)
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {
@@ -112,15 +131,16 @@ impl Kernel for LayerNorm {
         })
     }
 
+    fn maps(&mut self, visit: &mut dyn FnMut(&mut View, Access)) {
+        visit(&mut self.src, Access::SAME);
+        visit(&mut self.dst, Access::Write(Scale::Same));
+    }
+
+    fn others(&self) -> Traffic {
+        Traffic::reading([(self.weights, u64::from(self.dst.channels) * 8)])
+    }
+
     fn texels(&self) -> Vec<TexelRange> {
         vec![(&self.src).into(), self.weights.into()]
     }
-
-    fn traffic(&self) -> Traffic {
-        map_traffic(&self.src, &self.dst, (self.weights, u64::from(self.dst.channels) * 8))
-    }
-}
-
-fn map_traffic(src: &View, dst: &View, weights: (BufferId, u64)) -> Traffic {
-    Traffic { reads: vec![(src.buffer, src.bytes()), weights], writes: vec![(dst.buffer, dst.bytes())] }
 }

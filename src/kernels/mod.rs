@@ -4,6 +4,7 @@
 //! A kernel is four things of one name: `glsl/x.comp`, its contract in [`contracts`], its arguments here, and its f64
 //! twin in [`crate::reference`].
 
+pub mod access;
 mod accesses;
 pub mod aux_projection;
 mod call;
@@ -23,15 +24,19 @@ pub mod spirv;
 pub mod stats;
 mod tiles;
 pub mod unembed;
+pub mod variant;
 pub mod window_attention;
 pub mod winograd;
 
-use contract::{Contract, Specialisation};
+use contract::Specialisation;
+use variant::by_storage;
 
 pub use crate::net::graph::{Activation, Shuffle};
+pub use access::{Access, Footprint, Grid, Scale, Traffic};
 pub use accesses::Accesses;
 pub use call::Call;
 pub use tiles::{HALF_TILE, TILE, TileRect, Tiles, TokenRect};
+pub use variant::{KernelTarget, Variant};
 
 /// Workgroups in x of one dispatch, the least that Vulkan guarantees; more go to z.
 pub const MAX_GROUPS_X: u32 = 65535;
@@ -203,22 +208,6 @@ impl Addresses<'_> {
     }
 }
 
-/// What a kernel reads and writes: (buffer, bytes).
-#[derive(Clone, Debug, Default, PartialEq, Eq)]
-pub struct Traffic {
-    /// Buffers read, each with the bytes that are needed of it once.
-    pub reads: Vec<(BufferId, u64)>,
-    /// Buffers written.
-    pub writes: Vec<(BufferId, u64)>,
-}
-
-impl Traffic {
-    /// Whether a buffer is read or written.
-    pub fn touches(&self, buffer: BufferId) -> bool {
-        self.reads.iter().chain(&self.writes).any(|(id, _)| *id == buffer)
-    }
-}
-
 /// What a kernel reads of a plan's buffer through a texel buffer: from `offset` to the buffer's end, four elements a texel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TexelRange {
@@ -240,17 +229,6 @@ impl From<BufferId> for TexelRange {
     fn from(buffer: BufferId) -> Self {
         Self { buffer, offset: 0, storage: Storage::F32 }
     }
-}
-
-/// How the device prefers its kernels.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Variants {
-    /// Kernels shaped for CPU drivers, on which loads cost more than arithmetic.
-    pub cpu: bool,
-    /// The frame's planes are images instead of buffers.
-    pub images: bool,
-    /// The output's samples are halves.
-    pub output_half: bool,
 }
 
 /// The push constants of one dispatch.
@@ -275,41 +253,28 @@ impl PushBytes {
     }
 }
 
-impl Variants {
-    /// The same for a kernel that reads these texels: those of halves begin, as all, at multiples of 16 bytes, or are read
-    /// by address.
-    fn for_texels(self, texels: &[TexelRange]) -> Self {
-        Self { cpu: self.cpu && texels.iter().all(|range| range.offset.is_multiple_of(TEXEL_ALIGNMENT)), ..self }
-    }
-}
-
-/// Bytes between the places where a texel buffer may begin.
-const TEXEL_ALIGNMENT: u64 = 16;
-
-/// One of two variants, by how the maps are stored.
-fn by_storage(storage: Storage, f32: &'static Contract, f16: &'static Contract) -> &'static Contract {
-    match storage {
-        Storage::F32 => f32,
-        Storage::F16 => f16,
-    }
-}
-
-/// What every kernel tells the recorder, the planner and the cost model.
+/// What a kernel says of itself. The plan, the recorder, the profiler and the cost model know nothing else of it.
 pub trait Kernel {
-    /// The shader variant to run.
-    fn contract(&self, variants: Variants) -> &'static Contract;
-    /// What its pipeline is specialised for.
-    fn specialisation(&self) -> Specialisation {
-        Specialisation::default()
-    }
-    /// Workgroups to dispatch.
-    fn groups(&self, variants: Variants) -> [u32; 3];
-    /// Tiles of the map that a workgroup works on.
-    fn tiles_a_group(&self, _: Variants) -> u32 {
-        1
-    }
+    /// Which variant runs on a target.
+    fn choose(&self, target: KernelTarget) -> Variant;
+    /// Workgroups of that variant.
+    fn groups(&self, variant: &Variant) -> [u32; 3];
     /// Push constants.
     fn push(&self, at: &Addresses) -> PushBytes;
+    /// The tokens that it works on; `None` for kernels that do not work tile by tile.
+    fn grid(&self) -> Option<Grid> {
+        None
+    }
+    /// The tiles of its grid.
+    fn tiles_mut(&mut self) -> Option<&mut Tiles> {
+        None
+    }
+    /// Visits every map that it touches, reads before writes.
+    fn maps(&mut self, _visit: &mut dyn FnMut(&mut View, Access)) {}
+    /// What it touches beside maps: weights, vectors, lists, statistics.
+    fn others(&self) -> Traffic {
+        Traffic::default()
+    }
     /// What the texel buffers of its contract hold, in their order, where the variant has any.
     fn texels(&self) -> Vec<TexelRange> {
         Vec::new()
@@ -318,8 +283,6 @@ pub trait Kernel {
     fn reads_color(&self) -> bool {
         false
     }
-    /// Memory that it touches.
-    fn traffic(&self) -> Traffic;
 }
 
 /// Flag bits, as in `glsl/shared/*.glsl`.

@@ -1,11 +1,10 @@
 //! The head of predicted kernels: every pixel a mean of pixels ([`crate::net::head`]).
 
-use super::contract::Contract;
 use super::contracts::{self, halves};
 use super::pushes::{ApplyKernelsPush, HalvePush, KernelInputsPush, MixLevelsPush, PredictKernelsPush};
 use super::{
-    Addresses, BufferId, Kernel, PushBytes, Storage, TexelRange, Tiles, Traffic, Variants, View, by_storage, flags,
-    groups,
+    Access, Addresses, BufferId, Footprint, Grid, Kernel, KernelTarget, PushBytes, Scale, Storage, TexelRange, Tiles,
+    Traffic, Variant, View, by_storage, flags, groups,
 };
 
 /// Packed weights that [`KernelInputs`] reads, in 32-bit floats: biases and the reliability's row, then 40 inputs of 32
@@ -42,15 +41,23 @@ pub struct KernelInputs {
 }
 
 impl Kernel for KernelInputs {
-    fn contract(&self, variants: Variants) -> &'static Contract {
-        match variants.for_texels(&self.texels()).cpu {
+    fn choose(&self, target: KernelTarget) -> Variant {
+        Variant::plain(match target.cpu_with(&self.texels()) {
             true => by_storage(self.dst.storage, &contracts::KERNEL_INPUTS_CPU, &halves::KERNEL_INPUTS_CPU),
             false => by_storage(self.dst.storage, &contracts::KERNEL_INPUTS, &halves::KERNEL_INPUTS),
-        }
+        })
     }
 
-    fn groups(&self, _: Variants) -> [u32; 3] {
+    fn groups(&self, _: &Variant) -> [u32; 3] {
         groups(self.tiles.count(self.tokens.width, self.tokens.height), 1)
+    }
+
+    fn grid(&self) -> Option<Grid> {
+        Some(Grid::of(self.tiles, &self.tokens))
+    }
+
+    fn tiles_mut(&mut self) -> Option<&mut Tiles> {
+        Some(&mut self.tiles)
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {
@@ -79,16 +86,23 @@ impl Kernel for KernelInputs {
         })
     }
 
+    fn maps(&mut self, visit: &mut dyn FnMut(&mut View, Access)) {
+        visit(&mut self.early, Access::Read(Footprint::Finer));
+        visit(&mut self.tokens, Access::SAME);
+        for map in [&mut self.albedo, &mut self.color, &mut self.residual] {
+            visit(map, Access::Read(Footprint::Finer));
+        }
+        visit(&mut self.dst, Access::Write(Scale::Double));
+        visit(&mut self.taps, Access::Write(Scale::Double));
+    }
+
+    fn others(&self) -> Traffic {
+        Traffic::reading([(self.weights, HIDDEN_WEIGHTS as u64 * 4)])
+    }
+
     fn texels(&self) -> Vec<TexelRange> {
         let maps = [&self.early, &self.tokens, &self.albedo, &self.color, &self.residual].map(TexelRange::from);
         maps.into_iter().chain([self.weights.into()]).collect()
-    }
-
-    fn traffic(&self) -> Traffic {
-        let map = |view: &View| (view.buffer, view.bytes());
-        let mut reads = [&self.early, &self.tokens, &self.albedo, &self.color, &self.residual].map(map).to_vec();
-        reads.push((self.weights, HIDDEN_WEIGHTS as u64 * 4));
-        Traffic { reads, writes: vec![map(&self.dst), map(&self.taps)] }
     }
 }
 
@@ -110,21 +124,26 @@ pub struct PredictKernels {
 }
 
 impl Kernel for PredictKernels {
-    fn contract(&self, variants: Variants) -> &'static Contract {
-        match (variants.for_texels(&self.texels()).cpu, self.hidden.storage) {
+    fn choose(&self, target: KernelTarget) -> Variant {
+        let contract = match (target.cpu_with(&self.texels()), self.hidden.storage) {
             (true, _) => &contracts::PREDICT_KERNELS_CPU,
             (false, Storage::F32) => &contracts::PREDICT_KERNELS,
             (false, Storage::F16) => &contracts::PREDICT_KERNELS_FROM_F16,
-        }
+        };
+        // Of 64 invocations, each with so many pixels in a row.
+        Variant { tiles_a_group: contract.define("TX") as u32, ..Variant::plain(contract) }
     }
 
-    fn groups(&self, variants: Variants) -> [u32; 3] {
-        groups(self.tiles.count(self.dst.width, self.dst.height).div_ceil(self.tiles_a_group(variants)), 1)
+    fn groups(&self, variant: &Variant) -> [u32; 3] {
+        groups(self.tiles.count(self.dst.width, self.dst.height).div_ceil(variant.tiles_a_group), 1)
     }
 
-    /// Of 64 invocations, each with so many pixels in a row.
-    fn tiles_a_group(&self, variants: Variants) -> u32 {
-        self.contract(variants).define("TX") as u32
+    fn grid(&self) -> Option<Grid> {
+        Some(Grid::of(self.tiles, &self.dst))
+    }
+
+    fn tiles_mut(&mut self) -> Option<&mut Tiles> {
+        Some(&mut self.tiles)
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {
@@ -148,15 +167,19 @@ impl Kernel for PredictKernels {
         })
     }
 
-    fn texels(&self) -> Vec<TexelRange> {
-        vec![(&self.hidden).into(), (&self.taps).into(), (&self.albedo).into(), self.weights.into()]
+    fn maps(&mut self, visit: &mut dyn FnMut(&mut View, Access)) {
+        visit(&mut self.hidden, Access::SAME);
+        visit(&mut self.taps, Access::around(1, REACH));
+        visit(&mut self.albedo, Access::around(1, ALBEDO_REACH));
+        visit(&mut self.dst, Access::Write(Scale::Same));
     }
 
-    fn traffic(&self) -> Traffic {
-        let map = |view: &View| (view.buffer, view.bytes());
-        let mut reads = [&self.hidden, &self.taps, &self.albedo].map(map).to_vec();
-        reads.push((self.weights, (WEIGHTS - HIDDEN_WEIGHTS) as u64 * 4));
-        Traffic { reads, writes: vec![map(&self.dst)] }
+    fn others(&self) -> Traffic {
+        Traffic::reading([(self.weights, (WEIGHTS - HIDDEN_WEIGHTS) as u64 * 4)])
+    }
+
+    fn texels(&self) -> Vec<TexelRange> {
+        vec![(&self.hidden).into(), (&self.taps).into(), (&self.albedo).into(), self.weights.into()]
     }
 }
 
@@ -172,12 +195,20 @@ pub struct Halve {
 }
 
 impl Kernel for Halve {
-    fn contract(&self, variants: Variants) -> &'static Contract {
-        if variants.for_texels(&self.texels()).cpu { &contracts::HALVE_CPU } else { &contracts::HALVE }
+    fn choose(&self, target: KernelTarget) -> Variant {
+        Variant::plain(if target.cpu_with(&self.texels()) { &contracts::HALVE_CPU } else { &contracts::HALVE })
     }
 
-    fn groups(&self, _: Variants) -> [u32; 3] {
+    fn groups(&self, _: &Variant) -> [u32; 3] {
         groups(self.tiles.count(self.dst.width, self.dst.height), 1)
+    }
+
+    fn grid(&self) -> Option<Grid> {
+        Some(Grid::of(self.tiles, &self.dst))
+    }
+
+    fn tiles_mut(&mut self) -> Option<&mut Tiles> {
+        Some(&mut self.tiles)
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {
@@ -196,12 +227,13 @@ impl Kernel for Halve {
         })
     }
 
-    fn texels(&self) -> Vec<TexelRange> {
-        vec![(&self.src).into()]
+    fn maps(&mut self, visit: &mut dyn FnMut(&mut View, Access)) {
+        visit(&mut self.src, Access::Read(Footprint::Finer));
+        visit(&mut self.dst, Access::Write(Scale::Same));
     }
 
-    fn traffic(&self) -> Traffic {
-        Traffic { reads: vec![(self.src.buffer, self.src.bytes())], writes: vec![(self.dst.buffer, self.dst.bytes())] }
+    fn texels(&self) -> Vec<TexelRange> {
+        vec![(&self.src).into()]
     }
 }
 
@@ -219,16 +251,24 @@ pub struct ApplyKernels {
 }
 
 impl Kernel for ApplyKernels {
-    fn contract(&self, variants: Variants) -> &'static Contract {
-        match (variants.for_texels(&self.texels()).cpu, self.logits.storage) {
+    fn choose(&self, target: KernelTarget) -> Variant {
+        Variant::plain(match (target.cpu_with(&self.texels()), self.logits.storage) {
             (true, _) => &contracts::APPLY_KERNELS_CPU,
             (false, Storage::F32) => &contracts::APPLY_KERNELS,
             (false, Storage::F16) => &contracts::APPLY_KERNELS_FROM_F16,
-        }
+        })
     }
 
-    fn groups(&self, _: Variants) -> [u32; 3] {
+    fn groups(&self, _: &Variant) -> [u32; 3] {
         groups(self.tiles.count(self.dst.width, self.dst.height), 1)
+    }
+
+    fn grid(&self) -> Option<Grid> {
+        Some(Grid::of(self.tiles, &self.dst))
+    }
+
+    fn tiles_mut(&mut self) -> Option<&mut Tiles> {
+        Some(&mut self.tiles)
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {
@@ -250,13 +290,14 @@ impl Kernel for ApplyKernels {
         })
     }
 
-    fn texels(&self) -> Vec<TexelRange> {
-        vec![(&self.logits).into(), (&self.sums).into()]
+    fn maps(&mut self, visit: &mut dyn FnMut(&mut View, Access)) {
+        visit(&mut self.logits, Access::SAME);
+        visit(&mut self.sums, Access::around(1, REACH));
+        visit(&mut self.dst, Access::Write(Scale::Same));
     }
 
-    fn traffic(&self) -> Traffic {
-        let reads = [&self.logits, &self.sums].map(|view| (view.buffer, view.bytes())).to_vec();
-        Traffic { reads, writes: vec![(self.dst.buffer, self.dst.bytes())] }
+    fn texels(&self) -> Vec<TexelRange> {
+        vec![(&self.logits).into(), (&self.sums).into()]
     }
 }
 
@@ -287,12 +328,21 @@ impl MixLevels {
 }
 
 impl Kernel for MixLevels {
-    fn contract(&self, variants: Variants) -> &'static Contract {
-        if variants.for_texels(&self.texels()).cpu { &contracts::MIX_LEVELS_CPU } else { &contracts::MIX_LEVELS }
+    fn choose(&self, target: KernelTarget) -> Variant {
+        let cpu = target.cpu_with(&self.texels());
+        Variant::plain(if cpu { &contracts::MIX_LEVELS_CPU } else { &contracts::MIX_LEVELS })
     }
 
-    fn groups(&self, _: Variants) -> [u32; 3] {
+    fn groups(&self, _: &Variant) -> [u32; 3] {
         groups(self.tiles.count(self.dst.width, self.dst.height), 1)
+    }
+
+    fn grid(&self) -> Option<Grid> {
+        Some(Grid::of(self.tiles, &self.dst))
+    }
+
+    fn tiles_mut(&mut self) -> Option<&mut Tiles> {
+        Some(&mut self.tiles)
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {
@@ -323,18 +373,23 @@ impl Kernel for MixLevels {
         })
     }
 
+    fn maps(&mut self, visit: &mut dyn FnMut(&mut View, Access)) {
+        visit(&mut self.pixels, Access::SAME);
+        for level in &mut self.levels {
+            // The tokens that hold the pixels, and their neighbours.
+            let by = self.dst.width / level.width;
+            visit(level, Access::Read(Footprint::Coarser { by, reach: 1 }));
+        }
+        if let Some((color, residual)) = &mut self.direct {
+            visit(color, Access::SAME);
+            visit(residual, Access::SAME);
+        }
+        visit(&mut self.dst, Access::Write(Scale::Same));
+    }
+
     fn texels(&self) -> Vec<TexelRange> {
         let levels = (0..4).map(|level| self.level(level));
         let direct = self.direct_or_pixels();
         [&self.pixels].into_iter().chain(levels).chain(&direct).map(TexelRange::from).collect()
-    }
-
-    fn traffic(&self) -> Traffic {
-        let direct = self.direct.iter().flat_map(|(color, residual)| [color, residual]);
-        let maps = [&self.pixels].into_iter().chain(&self.levels).chain(direct);
-        Traffic {
-            reads: maps.map(|view| (view.buffer, view.bytes())).collect(),
-            writes: vec![(self.dst.buffer, self.dst.bytes())],
-        }
     }
 }

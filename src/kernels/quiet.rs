@@ -6,13 +6,16 @@
 //!    dispatches that run over the list.
 //! 4. [`Fill`] writes zeros where tiles are read that are not active.
 
-use super::contract::Contract;
 use super::contracts::{self, halves};
 use super::frame_io::{color_flags, depth_flags};
 use super::pushes::{FillPush, QuietMapPush, TileListPush, TileNoisePush};
 use super::stats::STATS_FLOATS;
-use super::{Addresses, BufferId, Kernel, PushBytes, TILE, Tiles, Traffic, Variants, View, by_storage, flags, groups};
+use super::{
+    Access, Addresses, BufferId, Grid, Kernel, KernelTarget, PushBytes, Scale, TILE, Tiles, Traffic, Variant, View,
+    by_storage, flags, groups,
+};
 use crate::frame::{Extent, Region};
+use std::cmp::Ordering;
 
 /// Pixels of a square of the map, on a side.
 pub const MAP_TILE: u32 = 16;
@@ -76,11 +79,11 @@ pub struct TileNoise {
 }
 
 impl Kernel for TileNoise {
-    fn contract(&self, variants: Variants) -> &'static Contract {
-        if variants.images { &contracts::TILE_NOISE_IMAGE } else { &contracts::TILE_NOISE }
+    fn choose(&self, target: KernelTarget) -> Variant {
+        Variant::plain(if target.images { &contracts::TILE_NOISE_IMAGE } else { &contracts::TILE_NOISE })
     }
 
-    fn groups(&self, _: Variants) -> [u32; 3] {
+    fn groups(&self, _: &Variant) -> [u32; 3] {
         groups(self.map.tiles(), 1)
     }
 
@@ -119,15 +122,15 @@ impl Kernel for TileNoise {
         })
     }
 
-    fn reads_color(&self) -> bool {
-        true
-    }
-
-    fn traffic(&self) -> Traffic {
+    fn others(&self) -> Traffic {
         Traffic {
             reads: vec![(self.stats, STATS_FLOATS * 4)],
             writes: vec![(self.dst, u64::from(self.map.tiles()) * 4)],
         }
+    }
+
+    fn reads_color(&self) -> bool {
+        true
     }
 }
 
@@ -159,11 +162,11 @@ impl QuietMap {
 }
 
 impl Kernel for QuietMap {
-    fn contract(&self, _: Variants) -> &'static Contract {
-        &contracts::QUIET_MAP
+    fn choose(&self, _: KernelTarget) -> Variant {
+        Variant::plain(&contracts::QUIET_MAP)
     }
 
-    fn groups(&self, _: Variants) -> [u32; 3] {
+    fn groups(&self, _: &Variant) -> [u32; 3] {
         [1, 1, 1]
     }
 
@@ -187,13 +190,13 @@ impl Kernel for QuietMap {
         })
     }
 
-    fn reads_color(&self) -> bool {
-        true
-    }
-
-    fn traffic(&self) -> Traffic {
+    fn others(&self) -> Traffic {
         let (tiles, sums) = (u64::from(self.size.tiles()) * 4, u64::from(self.size.sums()) * 4);
         Traffic { reads: vec![(self.src, tiles)], writes: vec![(self.map, tiles), (self.sums, sums)] }
+    }
+
+    fn reads_color(&self) -> bool {
+        true
     }
 }
 
@@ -308,11 +311,11 @@ pub fn list_bytes(at_most: u32) -> u64 {
 }
 
 impl Kernel for TileList {
-    fn contract(&self, _: Variants) -> &'static Contract {
-        &contracts::TILE_LIST
+    fn choose(&self, _: KernelTarget) -> Variant {
+        Variant::plain(&contracts::TILE_LIST)
     }
 
-    fn groups(&self, _: Variants) -> [u32; 3] {
+    fn groups(&self, _: &Variant) -> [u32; 3] {
         [1, 1, 1]
     }
 
@@ -349,11 +352,7 @@ impl Kernel for TileList {
         })
     }
 
-    fn reads_color(&self) -> bool {
-        true
-    }
-
-    fn traffic(&self) -> Traffic {
+    fn others(&self) -> Traffic {
         Traffic {
             reads: vec![(self.sums, u64::from(self.map.sums()) * 4)],
             writes: vec![
@@ -363,6 +362,10 @@ impl Kernel for TileList {
                 (self.counts, 4),
             ],
         }
+    }
+
+    fn reads_color(&self) -> bool {
+        true
     }
 }
 
@@ -385,13 +388,22 @@ impl Fill {
 }
 
 impl Kernel for Fill {
-    fn contract(&self, _: Variants) -> &'static Contract {
-        by_storage(self.dst.storage, &contracts::FILL, &halves::FILL)
+    fn choose(&self, _: KernelTarget) -> Variant {
+        Variant::plain(by_storage(self.dst.storage, &contracts::FILL, &halves::FILL))
     }
 
-    fn groups(&self, _: Variants) -> [u32; 3] {
+    fn groups(&self, _: &Variant) -> [u32; 3] {
         let (width, height) = self.size();
         groups(self.tiles.count(width, height), 1)
+    }
+
+    fn grid(&self) -> Option<Grid> {
+        let (width, height) = self.size();
+        Some(Grid::new(self.tiles, width, height))
+    }
+
+    fn tiles_mut(&mut self) -> Option<&mut Tiles> {
+        Some(&mut self.tiles)
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {
@@ -410,7 +422,12 @@ impl Kernel for Fill {
         })
     }
 
-    fn traffic(&self) -> Traffic {
-        Traffic { reads: vec![], writes: vec![(self.dst.buffer, self.dst.bytes())] }
+    fn maps(&mut self, visit: &mut dyn FnMut(&mut View, Access)) {
+        let scale = match self.side.cmp(&TILE) {
+            Ordering::Less => Scale::Half,
+            Ordering::Equal => Scale::Same,
+            Ordering::Greater => Scale::Double,
+        };
+        visit(&mut self.dst, Access::Write(scale));
     }
 }

@@ -1,13 +1,14 @@
 //! A depthwise 3x3 convolution and the pointwise convolution after it as one kernel.
 
-use super::contract::{Contract, Specialisation};
+use super::contract::Specialisation;
 use super::contracts::{self, halves};
-use super::dense::{Linear, TILE_CHANNELS, dense_groups, dense_texels, tiles_a_group};
+use super::dense::{Linear, TILE_CHANNELS, dense_groups, dense_texels};
 use super::maps::Depthwise3x3;
 use super::on_matrices;
 use super::pushes::Separable3x3Push;
 use super::{
-    Addresses, Arithmetic, Kernel, PushBytes, Storage, TexelRange, Traffic, Variants, activation_flag, by_storage,
+    Access, Addresses, Arithmetic, Grid, Kernel, KernelTarget, PushBytes, Scale, Storage, TexelRange, Tiles, Traffic,
+    Variant, View, activation_flag, by_storage,
 };
 
 /// `pointwise(depthwise(src))`: the depthwise result is not stored, so neither its target nor the source of the pointwise
@@ -38,32 +39,32 @@ impl Separable3x3 {
 }
 
 impl Kernel for Separable3x3 {
-    fn contract(&self, variants: Variants) -> &'static Contract {
-        if self.chosen().is_some() {
-            return &contracts::SEPARABLE3X3_MATRIX;
-        }
-        match variants.for_texels(&self.texels()).cpu {
-            true => by_storage(self.pointwise.dst.storage, &contracts::SEPARABLE3X3_CPU, &halves::SEPARABLE3X3_CPU),
-            false => by_storage(self.pointwise.dst.storage, &contracts::SEPARABLE3X3, &halves::SEPARABLE3X3),
-        }
-    }
-
-    fn specialisation(&self) -> Specialisation {
+    fn choose(&self, target: KernelTarget) -> Variant {
         let inner = activation_flag(self.depthwise.activation);
-        let epilogue = self.pointwise.specialisation().epilogue;
-        Specialisation { inner, epilogue, ..self.chosen().unwrap_or_default() }
-    }
-
-    fn groups(&self, variants: Variants) -> [u32; 3] {
-        let Linear { tiles, dst, .. } = &self.pointwise;
-        if let Some(special) = self.chosen() {
-            return on_matrices::groups_of(special, tiles.count(dst.width, dst.height), dst.channels);
+        let special =
+            Specialisation { inner, epilogue: self.pointwise.epilogue(), ..self.chosen().unwrap_or_default() };
+        if self.chosen().is_some() {
+            return Variant::on_matrices(&contracts::SEPARABLE3X3_MATRIX, special);
         }
-        dense_groups(tiles.count(dst.width, dst.height), dst.channels, TILE_CHANNELS, self.contract(variants))
+        let of = |f32, f16| by_storage(self.pointwise.dst.storage, f32, f16);
+        let contract = match target.cpu_with(&self.texels()) {
+            true => of(&contracts::SEPARABLE3X3_CPU, &halves::SEPARABLE3X3_CPU),
+            false => of(&contracts::SEPARABLE3X3, &halves::SEPARABLE3X3),
+        };
+        Variant::dense(contract, special)
     }
 
-    fn tiles_a_group(&self, variants: Variants) -> u32 {
-        self.chosen().map_or_else(|| tiles_a_group(self.contract(variants)), |special| special.tiles)
+    fn groups(&self, variant: &Variant) -> [u32; 3] {
+        let Linear { tiles, dst, .. } = &self.pointwise;
+        dense_groups(variant, tiles.count(dst.width, dst.height), dst.channels, TILE_CHANNELS)
+    }
+
+    fn grid(&self) -> Option<Grid> {
+        Some(Grid::of(self.pointwise.tiles, &self.pointwise.dst))
+    }
+
+    fn tiles_mut(&mut self) -> Option<&mut Tiles> {
+        Some(&mut self.pointwise.tiles)
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {
@@ -91,17 +92,23 @@ impl Kernel for Separable3x3 {
         })
     }
 
+    fn maps(&mut self, visit: &mut dyn FnMut(&mut View, Access)) {
+        visit(&mut self.depthwise.src, Access::around(1, 1));
+        self.pointwise.residual.iter_mut().for_each(|residual| visit(residual, Access::Residual));
+        visit(&mut self.pointwise.dst, Access::Write(Scale::Same));
+    }
+
+    fn others(&self) -> Traffic {
+        let mut others = self.pointwise.others();
+        others.reads.push((self.depthwise.weights, u64::from(self.depthwise.src.channels) * 40));
+        others
+    }
+
     fn texels(&self) -> Vec<TexelRange> {
         let pointwise = &self.pointwise;
         let residual = pointwise.residual.as_ref();
         let mut ranges = dense_texels(&self.depthwise.src, pointwise.weights, pointwise.film, residual);
         ranges.push(self.depthwise.weights.into());
         ranges
-    }
-
-    fn traffic(&self) -> Traffic {
-        let mut traffic = Linear { src: self.depthwise.src, ..self.pointwise.clone() }.traffic();
-        traffic.reads.push((self.depthwise.weights, u64::from(self.depthwise.src.channels) * 40));
-        traffic
     }
 }

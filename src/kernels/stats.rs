@@ -14,11 +14,10 @@
 //! So one pixel, whatever its value, moves the key by at most what a tile of 64 m does. What counts as a valid sample:
 //! `docs/neutral.md`.
 
-use super::contract::Contract;
 use super::contracts;
 use super::frame_io::{color_flags, depth_flags};
 use super::pushes::{StatsClearPush, StatsHistogramPush, StatsKeyPush, StatsSelectPush, StatsTilesPush};
-use super::{Addresses, BufferId, FrameArgs, Kernel, PushBytes, TILE, Traffic, Variants, flags, groups};
+use super::{Addresses, BufferId, FrameArgs, Kernel, KernelTarget, PushBytes, TILE, Traffic, Variant, flags, groups};
 
 /// Bins of one histogram.
 pub const BINS: u32 = 1 << 15;
@@ -65,11 +64,11 @@ pub struct Clear {
 }
 
 impl Kernel for Clear {
-    fn contract(&self, _: Variants) -> &'static Contract {
-        &contracts::STATS_CLEAR
+    fn choose(&self, _: KernelTarget) -> Variant {
+        Variant::plain(&contracts::STATS_CLEAR)
     }
 
-    fn groups(&self, _: Variants) -> [u32; 3] {
+    fn groups(&self, _: &Variant) -> [u32; 3] {
         groups(BINS.div_ceil(256), 1)
     }
 
@@ -77,7 +76,7 @@ impl Kernel for Clear {
         PushBytes::new(&StatsClearPush { histogram: at.of(self.histogram), count: BINS, unused: 0 })
     }
 
-    fn traffic(&self) -> Traffic {
+    fn others(&self) -> Traffic {
         Traffic { reads: vec![], writes: vec![(self.histogram, HISTOGRAM_BYTES)] }
     }
 }
@@ -96,11 +95,11 @@ pub struct Histogram {
 }
 
 impl Kernel for Histogram {
-    fn contract(&self, variants: Variants) -> &'static Contract {
-        if variants.images { &contracts::STATS_HISTOGRAM_IMAGE } else { &contracts::STATS_HISTOGRAM }
+    fn choose(&self, target: KernelTarget) -> Variant {
+        Variant::plain(if target.images { &contracts::STATS_HISTOGRAM_IMAGE } else { &contracts::STATS_HISTOGRAM })
     }
 
-    fn groups(&self, _: Variants) -> [u32; 3] {
+    fn groups(&self, _: &Variant) -> [u32; 3] {
         groups((self.width * self.height).div_ceil(HISTOGRAM_PIXELS), 1)
     }
 
@@ -125,13 +124,13 @@ impl Kernel for Histogram {
         })
     }
 
-    fn reads_color(&self) -> bool {
-        self.counted == Counted::Luminance
-    }
-
-    fn traffic(&self) -> Traffic {
+    fn others(&self) -> Traffic {
         let all = (self.histogram, HISTOGRAM_BYTES);
         Traffic { reads: vec![all], writes: vec![all] }
+    }
+
+    fn reads_color(&self) -> bool {
+        self.counted == Counted::Luminance
     }
 }
 
@@ -147,11 +146,11 @@ pub struct Select {
 }
 
 impl Kernel for Select {
-    fn contract(&self, _: Variants) -> &'static Contract {
-        &contracts::STATS_SELECT
+    fn choose(&self, _: KernelTarget) -> Variant {
+        Variant::plain(&contracts::STATS_SELECT)
     }
 
-    fn groups(&self, _: Variants) -> [u32; 3] {
+    fn groups(&self, _: &Variant) -> [u32; 3] {
         [1, 1, 1]
     }
 
@@ -164,7 +163,7 @@ impl Kernel for Select {
         })
     }
 
-    fn traffic(&self) -> Traffic {
+    fn others(&self) -> Traffic {
         Traffic { reads: vec![(self.histogram, HISTOGRAM_BYTES)], writes: vec![(self.dst, 4)] }
     }
 }
@@ -216,11 +215,11 @@ impl TileStats {
 }
 
 impl Kernel for TileStats {
-    fn contract(&self, variants: Variants) -> &'static Contract {
-        if variants.images { &contracts::STATS_TILES_IMAGE } else { &contracts::STATS_TILES }
+    fn choose(&self, target: KernelTarget) -> Variant {
+        Variant::plain(if target.images { &contracts::STATS_TILES_IMAGE } else { &contracts::STATS_TILES })
     }
 
-    fn groups(&self, _: Variants) -> [u32; 3] {
+    fn groups(&self, _: &Variant) -> [u32; 3] {
         groups(self.tiles().div_ceil(RUN_TILES), 1)
     }
 
@@ -243,15 +242,15 @@ impl Kernel for TileStats {
         })
     }
 
-    fn reads_color(&self) -> bool {
-        true
-    }
-
-    fn traffic(&self) -> Traffic {
+    fn others(&self) -> Traffic {
         Traffic {
             reads: vec![(self.stats, 4)],
             writes: vec![(self.dst, self.tile_bytes()), (self.runs, self.run_bytes())],
         }
+    }
+
+    fn reads_color(&self) -> bool {
+        true
     }
 }
 
@@ -276,11 +275,11 @@ pub struct Key {
 }
 
 impl Kernel for Key {
-    fn contract(&self, _: Variants) -> &'static Contract {
-        &contracts::STATS_KEY
+    fn choose(&self, _: KernelTarget) -> Variant {
+        Variant::plain(&contracts::STATS_KEY)
     }
 
-    fn groups(&self, _: Variants) -> [u32; 3] {
+    fn groups(&self, _: &Variant) -> [u32; 3] {
         [1, 1, 1]
     }
 
@@ -307,16 +306,16 @@ impl Kernel for Key {
         })
     }
 
-    fn reads_color(&self) -> bool {
-        true
-    }
-
-    fn traffic(&self) -> Traffic {
+    fn others(&self) -> Traffic {
         let runs = 4 * RUN_FLOATS * u64::from(self.tiles.div_ceil(RUN_TILES));
         // Of tiles nothing, where none lacks its means.
         Traffic {
             reads: vec![(self.runs, runs), (self.tile_stats, 0), (self.depth_scale, 4), (self.stats, 4)],
             writes: vec![(self.tile_stats, 0), (self.stats, 4 * (STATS_FLOATS - 1))],
         }
+    }
+
+    fn reads_color(&self) -> bool {
+        true
     }
 }

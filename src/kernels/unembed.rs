@@ -1,11 +1,12 @@
 //! Tokens of 2x2 pixels to pixels of three channels.
 
-use super::contract::{Contract, Specialisation};
+use super::contract::Specialisation;
 use super::contracts;
 use super::on_matrices;
 use super::pushes::UnembedPush;
 use super::{
-    Addresses, Arithmetic, BufferId, Kernel, PushBytes, Storage, TexelRange, Tiles, Traffic, Variants, View, groups,
+    Access, Addresses, Arithmetic, BufferId, Grid, Kernel, KernelTarget, PushBytes, Scale, Storage, TexelRange, Tiles,
+    Traffic, Variant, View, groups,
 };
 
 /// Rows of tokens that a pixel takes.
@@ -54,30 +55,33 @@ impl Unembed {
 }
 
 impl Kernel for Unembed {
-    fn contract(&self, variants: Variants) -> &'static Contract {
-        if self.chosen().is_some() {
-            return &contracts::UNEMBED_MATRIX;
+    fn choose(&self, target: KernelTarget) -> Variant {
+        if let Some(special) = self.chosen() {
+            // One for each subgroup.
+            let tiles_a_group = on_matrices::MOST_TILES;
+            return Variant { special, tiles_a_group, ..Variant::plain(&contracts::UNEMBED_MATRIX) };
         }
-        match (variants.for_texels(&self.texels()).cpu, self.src.storage) {
+        let contract = match (target.cpu_with(&self.texels()), self.src.storage) {
             (true, _) => &contracts::UNEMBED_CPU,
             (false, Storage::F32) => &contracts::UNEMBED,
             (false, Storage::F16) => &contracts::UNEMBED_FROM_F16,
-        }
+        };
+        // Of 64 invocations, each with so many tokens in a row.
+        Variant { tiles_a_group: contract.define("TX") as u32, ..Variant::plain(contract) }
     }
 
-    fn specialisation(&self) -> Specialisation {
-        self.chosen().unwrap_or_default()
-    }
-
-    fn groups(&self, variants: Variants) -> [u32; 3] {
+    fn groups(&self, variant: &Variant) -> [u32; 3] {
         // Without matrices one of a token's two rows of pixels.
-        let rows = if self.chosen().is_some() { 1 } else { 2 };
-        groups(self.tiles.count(self.src.width, self.src.height).div_ceil(self.tiles_a_group(variants)), rows)
+        let rows = if variant.is_on_matrices() { 1 } else { 2 };
+        groups(self.tiles.count(self.src.width, self.src.height).div_ceil(variant.tiles_a_group), rows)
     }
 
-    /// Of 64 invocations, each with so many tokens in a row; on matrices one for each subgroup.
-    fn tiles_a_group(&self, variants: Variants) -> u32 {
-        if self.chosen().is_some() { on_matrices::MOST_TILES } else { self.contract(variants).define("TX") as u32 }
+    fn grid(&self) -> Option<Grid> {
+        Some(Grid::of(self.tiles, &self.src))
+    }
+
+    fn tiles_mut(&mut self) -> Option<&mut Tiles> {
+        Some(&mut self.tiles)
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {
@@ -97,19 +101,21 @@ impl Kernel for Unembed {
         })
     }
 
-    fn texels(&self) -> Vec<TexelRange> {
-        vec![(&self.src).into(), self.weights.into()]
+    fn maps(&mut self, visit: &mut dyn FnMut(&mut View, Access)) {
+        visit(&mut self.src, Access::around(1, 2));
+        visit(&mut self.dst, Access::Write(Scale::Double));
     }
 
-    fn traffic(&self) -> Traffic {
+    fn others(&self) -> Traffic {
         // Almost every token takes the weights of no border.
         let weights = match self.chosen() {
             Some(_) => u64::from(TAPS * TAPS * self.src.channels * MATRIX_OUTPUTS) * 2 + 16,
             None => u64::from(2 * ROWS * self.src.channels / 4 * BLOCK + 1) * 16,
         };
-        Traffic {
-            reads: vec![(self.src.buffer, self.src.bytes()), (self.weights, weights)],
-            writes: vec![(self.dst.buffer, self.dst.bytes())],
-        }
+        Traffic::reading([(self.weights, weights)])
+    }
+
+    fn texels(&self) -> Vec<TexelRange> {
+        vec![(&self.src).into(), self.weights.into()]
     }
 }

@@ -1,12 +1,12 @@
 //! Joint self-attention in windows of 8x8 tokens.
 
-use super::contract::{Contract, Specialisation};
+use super::contract::Specialisation;
 use super::contracts::{self, halves};
 use super::on_matrices;
 use super::pushes::WindowAttentionPush;
 use super::{
-    Addresses, Arithmetic, BufferId, Kernel, PushBytes, Storage, TexelRange, Tiles, Traffic, Variants, View,
-    by_storage, groups,
+    Access, Addresses, Arithmetic, BufferId, Grid, Kernel, KernelTarget, PushBytes, Scale, Storage, TexelRange, Tiles,
+    Traffic, Variant, View, by_storage, groups,
 };
 
 /// Head by head: `softmax((Q K^T / sqrt(d) + B) * (Qf Kf^T / sqrt(d) + B)) V`, the product element by element.
@@ -51,27 +51,31 @@ impl WindowAttention {
 }
 
 impl Kernel for WindowAttention {
-    fn contract(&self, variants: Variants) -> &'static Contract {
-        if self.chosen().is_some() {
-            return &contracts::WINDOW_ATTENTION_MATRIX;
+    fn choose(&self, target: KernelTarget) -> Variant {
+        if let Some(special) = self.chosen() {
+            return Variant { special, ..Variant::plain(&contracts::WINDOW_ATTENTION_MATRIX) };
         }
         let of = |f32, f16| by_storage(self.dst.storage, f32, f16);
-        match (variants.for_texels(&self.texels()).cpu, self.key_width, self.value_width) {
+        Variant::plain(match (target.cpu_with(&self.texels()), self.key_width, self.value_width) {
             (true, 8, 16) => of(&contracts::WINDOW_ATTENTION_V16_CPU, &halves::WINDOW_ATTENTION_V16_CPU),
             (true, 16, 32) => of(&contracts::WINDOW_ATTENTION_V32_CPU, &halves::WINDOW_ATTENTION_V32_CPU),
             (true, 32, 32) => of(&contracts::WINDOW_ATTENTION_HEADS_CPU, &halves::WINDOW_ATTENTION_HEADS_CPU),
             (true, 32, 64) => of(&contracts::WINDOW_ATTENTION_V64_CPU, &halves::WINDOW_ATTENTION_V64_CPU),
             (true, ..) => of(&contracts::WINDOW_ATTENTION_CPU, &halves::WINDOW_ATTENTION_CPU),
             (false, ..) => of(&contracts::WINDOW_ATTENTION, &halves::WINDOW_ATTENTION),
-        }
+        })
     }
 
-    fn specialisation(&self) -> Specialisation {
-        self.chosen().unwrap_or_default()
-    }
-
-    fn groups(&self, _: Variants) -> [u32; 3] {
+    fn groups(&self, _: &Variant) -> [u32; 3] {
         groups(self.tiles.count(self.dst.width, self.dst.height), self.heads)
+    }
+
+    fn grid(&self) -> Option<Grid> {
+        Some(Grid::of(self.tiles, &self.dst).in_windows())
+    }
+
+    fn tiles_mut(&mut self) -> Option<&mut Tiles> {
+        Some(&mut self.tiles)
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {
@@ -96,18 +100,18 @@ impl Kernel for WindowAttention {
         })
     }
 
-    fn texels(&self) -> Vec<TexelRange> {
-        vec![(&self.x).into(), (&self.f).into()]
+    fn maps(&mut self, visit: &mut dyn FnMut(&mut View, Access)) {
+        visit(&mut self.x, Access::SAME);
+        visit(&mut self.f, Access::SAME);
+        visit(&mut self.dst, Access::Write(Scale::Same));
     }
 
-    fn traffic(&self) -> Traffic {
-        Traffic {
-            reads: vec![
-                (self.x.buffer, self.x.bytes()),
-                (self.f.buffer, self.f.bytes()),
-                (self.bias, u64::from(self.heads) * if self.chosen().is_some() { 4 * 64 * 64 } else { 900 }),
-            ],
-            writes: vec![(self.dst.buffer, self.dst.bytes())],
-        }
+    fn others(&self) -> Traffic {
+        let bias = if self.chosen().is_some() { 4 * 64 * 64 } else { 900 };
+        Traffic::reading([(self.bias, u64::from(self.heads) * bias)])
+    }
+
+    fn texels(&self) -> Vec<TexelRange> {
+        vec![(&self.x).into(), (&self.f).into()]
     }
 }

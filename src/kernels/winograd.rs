@@ -1,9 +1,12 @@
 //! Dense 3x3 convolution of stride 1 by Winograd's minimal filtering.
 
-use super::contract::{Contract, Specialisation};
+use super::contract::Specialisation;
 use super::contracts::{self, halves};
 use super::dense::Conv3x3;
-use super::{Addresses, Kernel, PushBytes, TexelRange, Traffic, Variants, by_storage, groups};
+use super::{
+    Access, Addresses, Grid, Kernel, KernelTarget, PushBytes, TexelRange, Tiles, Traffic, Variant, View, by_storage,
+    groups,
+};
 use serde::{Deserialize, Serialize};
 
 /// Outputs of one Winograd tile on a side.
@@ -44,42 +47,50 @@ pub struct Winograd3x3 {
 }
 
 impl Kernel for Winograd3x3 {
-    fn contract(&self, variants: Variants) -> &'static Contract {
+    fn choose(&self, target: KernelTarget) -> Variant {
         let of = |f32, f16| by_storage(self.conv.dst.storage, f32, f16);
-        match (self.tile, variants.for_texels(&self.texels()).cpu) {
+        let contract = match (self.tile, target.cpu_with(&self.texels())) {
             (WinogradTile::F2, true) => of(&contracts::WINOGRAD3X3_F2_CPU, &halves::WINOGRAD3X3_F2_CPU),
             (WinogradTile::F2, false) => of(&contracts::WINOGRAD3X3_F2, &halves::WINOGRAD3X3_F2),
             (WinogradTile::F4, true) => of(&contracts::WINOGRAD3X3_F4_CPU, &halves::WINOGRAD3X3_F4_CPU),
             (WinogradTile::F4, false) => of(&contracts::WINOGRAD3X3_F4, &halves::WINOGRAD3X3_F4),
-        }
+        };
+        // Of 64 invocations, each with so many outputs of a tile's 64.
+        let tiles_a_group = self.tile.outputs().pow(2) * contract.define("TX") as u32;
+        let special = Specialisation { epilogue: self.conv.epilogue(), ..Specialisation::default() };
+        Variant { contract, special, tiles_a_group }
     }
 
-    fn specialisation(&self) -> Specialisation {
-        self.conv.specialisation()
-    }
-
-    fn groups(&self, variants: Variants) -> [u32; 3] {
+    fn groups(&self, variant: &Variant) -> [u32; 3] {
         let (width, height) = self.conv.result_size();
-        let tiles = self.conv.tiles.count(width, height).div_ceil(self.tiles_a_group(variants));
-        groups(tiles, self.conv.channels.div_ceil(4 * self.contract(variants).define("NV") as u32))
+        let tiles = self.conv.tiles.count(width, height).div_ceil(variant.tiles_a_group);
+        groups(tiles, self.conv.channels.div_ceil(4 * variant.contract.define("NV") as u32))
     }
 
-    /// Of 64 invocations, each with so many outputs of a tile's 64.
-    fn tiles_a_group(&self, variants: Variants) -> u32 {
-        self.tile.outputs().pow(2) * self.contract(variants).define("TX") as u32
+    fn grid(&self) -> Option<Grid> {
+        // A result of one of its tiles has rounding errors of everything that the tile reads.
+        self.conv.grid().map(|grid| Grid { grain: self.tile.outputs(), ..grid })
+    }
+
+    fn tiles_mut(&mut self) -> Option<&mut Tiles> {
+        self.conv.tiles_mut()
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {
         self.conv.push_with(at, self.conv.channels.next_multiple_of(WINOGRAD_CHANNELS) / 4)
     }
 
-    fn texels(&self) -> Vec<TexelRange> {
-        self.conv.texels()
+    fn maps(&mut self, visit: &mut dyn FnMut(&mut View, Access)) {
+        self.conv.maps(visit);
     }
 
-    fn traffic(&self) -> Traffic {
+    fn others(&self) -> Traffic {
         let points = u64::from(self.tile.inputs().pow(2));
         let weights = (u64::from(self.conv.src.channels) * points + 1) * u64::from(self.conv.channels) * 4;
-        self.conv.traffic_with(weights)
+        self.conv.others_with(weights)
+    }
+
+    fn texels(&self) -> Vec<TexelRange> {
+        self.conv.texels()
     }
 }

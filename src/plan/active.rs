@@ -88,7 +88,7 @@ impl Work {
         let mut work = Self { fixed: 0.0, parts: Vec::new() };
         for dispatch in dispatches {
             let flops = dispatch.flops as f64;
-            match dispatch.groups {
+            match dispatch.indirect {
                 None => work.fixed += flops,
                 Some(groups) => {
                     work.parts.resize(work.parts.len().max(groups.list + 1), 0.0);

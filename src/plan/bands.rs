@@ -7,7 +7,7 @@
 
 use super::lower::Lowering;
 use super::region::restrict_chain;
-use crate::kernels::{BufferId, Call, Storage, TILE, Tiles};
+use crate::kernels::{BufferId, Call, Storage, TILE};
 use crate::net::graph::{Graph, Op, OpKind, Shape, ValueId};
 use std::collections::HashMap;
 
@@ -71,11 +71,11 @@ impl Lowering<'_> {
         restrict_chain(&mut only, &results, (top, bottom), (first, end));
         for (op, call, flops) in calls {
             let op = &self.graph.ops[op];
-            let Some((tiles, width, height)) = call.tiles() else { continue };
+            let Some(grid) = call.grid() else { continue };
+            let [count, all] = grid.counts().map(u64::from);
             // FLOPs are those of the whole map; the band's share counts what it computes.
-            let whole =
-                u64::from(Tiles::All.count(width, height)) * u64::from(self.padded.height) / u64::from(bottom - top);
-            let flops = flops * u64::from(tiles.count(width, height)) / whole.max(1);
+            let whole = all * u64::from(self.padded.height) / u64::from(bottom - top);
+            let flops = flops * count / whole.max(1);
             self.push(&format!("{}.band{number}", op.name), op.stage, flops, call);
             if let Some(dispatch) = self.dispatches.last_mut() {
                 dispatch.band = number;

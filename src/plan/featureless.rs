@@ -4,10 +4,8 @@
 
 use super::{Buffer, Dispatch, Place};
 use crate::frame::Extent;
-use crate::kernels::aux_projection::REACH;
-use crate::kernels::dense::Conv3x3;
 use crate::kernels::expand::Expand;
-use crate::kernels::{BufferId, Call, HALF_TILE, Shuffle, Tiles, View};
+use crate::kernels::{Access, BufferId, Call, HALF_TILE, KernelTarget, Tiles, View};
 use std::collections::{HashMap, HashSet};
 
 /// Which frames a dispatch is for.
@@ -29,6 +27,7 @@ pub fn merge(
     buffers: &mut Vec<Buffer>,
     padded: Extent,
     multiple: u32,
+    target: KernelTarget,
 ) -> Vec<(Dispatch, For)> {
     let chain = chain(&dispatches, padded);
     let small = small_size(&dispatches, &chain, padded, multiple);
@@ -51,22 +50,21 @@ pub fn merge(
             continue; // The small map is one band.
         }
         let mut copy = dispatch.clone();
-        for_views(&mut copy.call, |view, written| {
+        copy.call.kernel_mut().maps(&mut |view, access| {
             let small = maker.small(view);
-            if written && read.contains(&view.buffer) {
+            if access.writes() && read.contains(&view.buffer) {
                 let call = Call::Expand(Expand { src: small, dst: maker.whole(view), tiles: Tiles::All });
-                rest.push((Dispatch { call, flops: 0, ..dispatch.clone() }, For::NoFeatures));
+                rest.push((dispatch.with_call(call, target), For::NoFeatures));
             }
             *view = small;
         });
         if let Call::InputAux(input) = &mut copy.call {
             (input.width, input.height) = (small.width, small.height);
         }
-        if let (Some((tiles, width, height)), Some(own)) = (dispatch.call.tiles(), copy.call.tiles_mut()) {
-            *own = Tiles::All;
-            let before = u64::from(tiles.count(width, height)).max(1);
-            let now = copy.call.tiles().map_or(0, |(tiles, width, height)| tiles.count(width, height));
-            copy.flops = dispatch.flops * u64::from(now) / before;
+        copy.call.set_tiles(Tiles::All);
+        if let (Some(before), Some(now)) = (dispatch.call.grid(), copy.call.grid()) {
+            let [before, now] = [before, now].map(|grid| u64::from(grid.counts()[0]));
+            copy.flops = dispatch.flops * now / before.max(1);
         }
         copies.push((copy, For::NoFeatures));
     }
@@ -80,18 +78,11 @@ fn chain(dispatches: &[Dispatch], padded: Extent) -> Vec<bool> {
     let mut read: HashSet<BufferId> = HashSet::new();
     let mut chain = vec![false; dispatches.len()];
     for (dispatch, part) in dispatches.iter().zip(&mut chain).rev() {
-        let has_map = !views(&dispatch.call).is_empty();
+        let maps = dispatch.call.maps();
         let traffic = dispatch.traffic();
         let feeds = traffic.writes.iter().any(|(id, _)| read.contains(id));
-        let spatial = matches!(
-            dispatch.call,
-            Call::Conv3x3(_)
-                | Call::Winograd3x3(_)
-                | Call::Depthwise3x3(_)
-                | Call::Separable3x3(_)
-                | Call::AuxProjection(_)
-        );
-        *part = dispatch.of_features && has_map && (feeds || spatial);
+        let spatial = maps.iter().any(|(_, access)| access.reads_around());
+        *part = dispatch.of_features && !maps.is_empty() && (feeds || spatial);
         if *part {
             read.extend(traffic.reads.iter().map(|(id, _)| *id));
         }
@@ -100,7 +91,8 @@ fn chain(dispatches: &[Dispatch], padded: Extent) -> Vec<bool> {
     let mut written: HashSet<BufferId> = parts.flat_map(|(d, _)| d.traffic().writes).map(|(id, _)| id).collect();
     for (dispatch, part) in dispatches.iter().zip(&mut chain) {
         let at_full_size = dispatch.call.result().is_some_and(|result| result.width == padded.width);
-        let ready = || views(&dispatch.call).iter().all(|(view, writes)| *writes || written.contains(&view.buffer));
+        let maps = dispatch.call.maps();
+        let ready = || maps.iter().all(|(view, access)| access.writes() || written.contains(&view.buffer));
         if !*part && dispatch.of_features && at_full_size && matches!(dispatch.call, Call::Linear(_)) && ready() {
             *part = true;
             written.extend(dispatch.traffic().writes.iter().map(|(id, _)| *id));
@@ -111,8 +103,9 @@ fn chain(dispatches: &[Dispatch], padded: Extent) -> Vec<bool> {
 
 /// Whether every map that the chain reads is one that it writes.
 fn is_complete(dispatches: &[Dispatch], chain: &[bool]) -> bool {
-    let parts = || dispatches.iter().zip(chain).filter(|(_, part)| **part).flat_map(|(d, _)| views(&d.call));
-    let written: HashSet<BufferId> = parts().filter(|(_, written)| *written).map(|(view, _)| view.buffer).collect();
+    let parts = || dispatches.iter().zip(chain).filter(|(_, part)| **part).flat_map(|(d, _)| d.call.maps());
+    let written: HashSet<BufferId> =
+        parts().filter(|(_, access)| access.writes()).map(|(view, _)| view.buffer).collect();
     parts().all(|(view, _)| written.contains(&view.buffer))
 }
 
@@ -121,19 +114,13 @@ fn small_size(dispatches: &[Dispatch], chain: &[bool], padded: Extent, multiple:
     let mut margins: HashMap<BufferId, u32> = HashMap::new();
     let mut least = 0;
     for (dispatch, _) in dispatches.iter().zip(chain).filter(|(_, part)| **part) {
-        let views = views(&dispatch.call);
-        let of = |view: &View| margins.get(&view.buffer).copied().unwrap_or(0);
-        let read = views.iter().filter(|(_, written)| !written).map(|(view, _)| of(view)).max().unwrap_or(0);
-        let reached = match &dispatch.call {
-            Call::Conv3x3(conv) => conv_margin(conv, read),
-            Call::Winograd3x3(winograd) => conv_margin(&winograd.conv, read),
-            Call::Depthwise3x3(_) | Call::Separable3x3(_) => read + 1,
-            Call::AuxProjection(_) => read + REACH,
-            _ => read,
-        };
-        for (view, _) in views.iter().filter(|(_, written)| *written) {
+        let maps = dispatch.call.maps();
+        let felt = |(view, access): &(View, Access)| access.margin(margins.get(&view.buffer).copied().unwrap_or(0));
+        let reached = maps.iter().filter_map(felt).max().unwrap_or(0);
+        for (view, access) in &maps {
+            let Access::Write(scale) = access else { continue };
             let margin = margins.entry(view.buffer).or_default();
-            *margin = (*margin).max(reached);
+            *margin = (*margin).max(scale.margin(reached));
             // The half tile from the middle on, and the margins on both sides of it.
             let stride = padded.width / view.width;
             least = least.max(2 * (*margin + HALF_TILE) * stride);
@@ -142,16 +129,6 @@ fn small_size(dispatches: &[Dispatch], chain: &[bool], padded: Extent, multiple:
     let least = if least == 0 { u32::MAX } else { least.next_multiple_of(multiple) };
     let small = Extent::new(padded.width.min(least), padded.height.min(least));
     (small != padded).then_some(small)
-}
-
-/// How far from the border a convolution's result feels it, where its source feels it for `read` tokens.
-fn conv_margin(conv: &Conv3x3, read: u32) -> u32 {
-    let own = (read + 1).div_ceil(conv.stride);
-    match conv.shuffle {
-        Shuffle::None => own,
-        Shuffle::Shuffle => 2 * own,
-        Shuffle::Unshuffle => own.div_ceil(2),
-    }
 }
 
 /// Makes small copies of maps.
@@ -185,41 +162,4 @@ impl Maker<'_> {
     fn whole(&self, view: &View) -> View {
         View { height: self.padded.height / (self.padded.width / view.width), top: 0, ..*view }
     }
-}
-
-/// The maps of a call that works on features, each with whether it is written. None of any other call.
-fn for_views(call: &mut Call, mut each: impl FnMut(&mut View, bool)) {
-    match call {
-        Call::InputAux(k) => each(&mut k.dst, true),
-        Call::Linear(k) => {
-            each(&mut k.src, false);
-            k.src_b.iter_mut().chain(&mut k.residual).for_each(|view| each(view, false));
-            each(&mut k.dst, true);
-        }
-        Call::Depthwise3x3(k) => {
-            each(&mut k.src, false);
-            each(&mut k.dst, true);
-        }
-        Call::AuxProjection(k) => {
-            each(&mut k.src, false);
-            each(&mut k.dst, true);
-        }
-        Call::Separable3x3(k) => {
-            each(&mut k.depthwise.src, false);
-            k.pointwise.residual.iter_mut().for_each(|view| each(view, false));
-            each(&mut k.pointwise.dst, true);
-        }
-        Call::Conv3x3(conv) | Call::Winograd3x3(crate::kernels::winograd::Winograd3x3 { conv, .. }) => {
-            each(&mut conv.src, false);
-            conv.residual.iter_mut().for_each(|view| each(view, false));
-            each(&mut conv.dst, true);
-        }
-        _ => {}
-    }
-}
-
-fn views(call: &Call) -> Vec<(View, bool)> {
-    let mut found = Vec::new();
-    for_views(&mut call.clone(), |view, written| found.push((*view, written)));
-    found
 }

@@ -2,7 +2,6 @@
 
 use super::arena::{self, Request};
 use super::bands::Band;
-use super::choices::PlanOptions;
 use super::featureless::{self, For};
 use super::pack::Pack;
 use super::{Buffer, Dispatch, Place, Plan, features, hazards, quiet};
@@ -12,6 +11,7 @@ use crate::kernels::stats::Counted;
 use crate::kernels::{BufferId, Call, Storage, Tiles, View, frame_io, stats};
 use crate::net::cost::op_flops;
 use crate::net::graph::{Graph, Op, Shape, Slice, Stage, ValueId};
+use crate::target::Target;
 use std::collections::HashMap;
 
 /// Pixels on a side that coordinates of tiles (16 bits) and strides (32 bits) hold with room to spare.
@@ -21,7 +21,7 @@ const MAX_SIDE: u32 = 1 << 18;
 ///
 /// # Errors
 /// [`Error::EmptyFrame`]; [`Error::FrameTooLarge`] where a map exceeds `max_block_bytes` or a side 262144 pixels.
-pub fn plan(graph: &Graph, extent: Extent, options: &PlanOptions) -> Result<Plan> {
+pub fn plan(graph: &Graph, extent: Extent, options: &Target) -> Result<Plan> {
     let graph = graph.folded(options.folds);
     let mut lowering = Lowering::new(&graph, extent, padded(&graph, extent)?, options);
     lowering.frame_in();
@@ -35,7 +35,7 @@ pub fn plan(graph: &Graph, extent: Extent, options: &PlanOptions) -> Result<Plan
 ///
 /// # Errors
 /// As [`plan`].
-pub fn plan_part(graph: &Graph, extent: Extent, options: &PlanOptions) -> Result<Plan> {
+pub fn plan_part(graph: &Graph, extent: Extent, options: &Target) -> Result<Plan> {
     let graph = graph.folded(options.folds);
     let mut lowering = Lowering::new(&graph, extent, padded(&graph, extent)?, options);
     lowering.is_part = true;
@@ -55,7 +55,7 @@ fn padded(graph: &Graph, extent: Extent) -> Result<Extent> {
     Ok(Extent::new(extent.width.next_multiple_of(multiple), extent.height.next_multiple_of(multiple)))
 }
 
-fn map_too_large(extent: Extent, bytes: u64, options: &PlanOptions) -> Error {
+fn map_too_large(extent: Extent, bytes: u64, options: &Target) -> Error {
     let limit = options.max_block_bytes;
     let reason = format!("one feature map takes {bytes} bytes, and the device allocates at most {limit} at once");
     Error::FrameTooLarge { width: extent.width, height: extent.height, reason }
@@ -70,7 +70,7 @@ pub(super) struct Partials {
 
 pub(super) struct Lowering<'a> {
     pub graph: &'a Graph,
-    pub options: &'a PlanOptions,
+    pub options: &'a Target,
     pub extent: Extent,
     pub padded: Extent,
     buffers: Vec<Buffer>,
@@ -88,7 +88,7 @@ pub(super) struct Lowering<'a> {
 }
 
 impl<'a> Lowering<'a> {
-    fn new(graph: &'a Graph, extent: Extent, padded: Extent, options: &'a PlanOptions) -> Self {
+    fn new(graph: &'a Graph, extent: Extent, padded: Extent, options: &'a Target) -> Self {
         let mut lowering = Self {
             graph,
             options,
@@ -191,18 +191,7 @@ impl<'a> Lowering<'a> {
     }
 
     pub(super) fn push(&mut self, name: &str, stage: Stage, flops: u64, call: Call) {
-        self.dispatches.push(Dispatch {
-            name: name.to_owned(),
-            stage,
-            call,
-            barrier: false,
-            flops,
-            band: 0,
-            groups: None,
-            of_features: false,
-            of_depth: false,
-            skipped: false,
-        });
+        self.dispatches.push(Dispatch::new(name, stage, flops, call, self.options.kernels));
     }
 
     /// Statistics of the frame, and its maps.
@@ -286,11 +275,13 @@ impl<'a> Lowering<'a> {
         let buffers = &self.buffers;
         features::mark(&mut self.dispatches, |id| matches!(buffers[id.0].place, Place::Weights { .. }));
         let multiple = self.graph.arch.pad_multiple();
-        let merged = featureless::merge(std::mem::take(&mut self.dispatches), &mut self.buffers, self.padded, multiple);
+        let dispatches = std::mem::take(&mut self.dispatches);
+        let merged = featureless::merge(dispatches, &mut self.buffers, self.padded, multiple, options.kernels);
         let (merged, quiet) = match options.quiet {
             Some(mode) => {
                 let Self { extent, padded, stats, .. } = self;
-                let frame = quiet::Frame { extent, padded, stats, mode, keeps_features: options.keep_features };
+                let (keeps_features, kernels) = (options.keep_features, options.kernels);
+                let frame = quiet::Frame { extent, padded, stats, mode, keeps_features, kernels };
                 let (merged, activity) = quiet::apply(merged, &mut self.buffers, &frame);
                 (merged, Some(activity))
             }
@@ -330,6 +321,7 @@ impl<'a> Lowering<'a> {
         let dispatches_for = |other: For| {
             let mut chosen: Vec<_> =
                 merged.iter().filter(|(_, frames)| *frames != other).map(|(dispatch, _)| dispatch.clone()).collect();
+            chosen.iter_mut().for_each(|dispatch: &mut Dispatch| dispatch.choose(options.kernels));
             hazards::mark(&mut chosen, &self.buffers);
             chosen
         };

@@ -5,17 +5,15 @@ pub mod active;
 mod arena;
 mod aux_projection;
 mod bands;
-mod choices;
-mod conv_table;
 mod featureless;
 mod features;
+mod fuse;
 mod hazards;
 mod lower;
 mod ops;
 pub mod pack;
 mod predicted;
 pub mod quiet;
-pub mod quiet_mode;
 mod quiet_reach;
 mod region;
 mod unembed;
@@ -23,12 +21,10 @@ mod winograd;
 
 use crate::frame::Extent;
 use crate::kernels::quiet::{GROUPS_BYTES, list_bytes};
-use crate::kernels::{BufferId, Call, Storage, Tiles, Traffic, View};
+use crate::kernels::{BufferId, Call, Grid, KernelTarget, Storage, Tiles, Traffic, Variant, View};
 use crate::net::graph::Stage;
 use pack::Pack;
 
-pub use choices::{ConvAlgorithm, PlanOptions, SeparableForm, max_chain_bytes};
-pub use conv_table::{ConvShape, ConvTable};
 pub use lower::{plan, plan_part};
 
 /// Where a buffer of the plan lies.
@@ -72,6 +68,10 @@ pub struct Dispatch {
     pub stage: Stage,
     /// Kernel and arguments.
     pub call: Call,
+    /// The variant of the kernel that runs.
+    pub variant: Variant,
+    /// Its workgroups, where the host knows how many there are.
+    pub groups: [u32; 3],
     /// Whether it must wait for the dispatches before it.
     pub barrier: bool,
     /// Multiplications and additions of the network's own channels ([`crate::net::cost`]).
@@ -83,19 +83,58 @@ pub struct Dispatch {
     /// Whether it serves the depth plane alone, and is left out where there is none.
     pub of_depth: bool,
     /// Where the device says how many workgroups there are; `None`: the host knows.
-    pub groups: Option<quiet::Groups>,
+    pub indirect: Option<quiet::IndirectGroups>,
     /// Whether it is left out of this frame. It keeps its place in the list, and its barrier holds for what comes next.
     pub skipped: bool,
 }
 
 impl Dispatch {
+    /// One that the host knows all of, in a place of its own.
+    pub fn new(name: &str, stage: Stage, flops: u64, call: Call, target: KernelTarget) -> Self {
+        let variant = call.kernel().choose(target);
+        Self {
+            name: name.to_owned(),
+            stage,
+            groups: call.kernel().groups(&variant),
+            variant,
+            call,
+            barrier: false,
+            flops,
+            band: 0,
+            of_features: false,
+            of_depth: false,
+            indirect: None,
+            skipped: false,
+        }
+    }
+
+    /// Another call in its place, which costs no FLOPs of the network's.
+    fn with_call(&self, call: Call, target: KernelTarget) -> Self {
+        let mut dispatch = Self { call, flops: 0, ..self.clone() };
+        dispatch.choose(target);
+        dispatch
+    }
+
+    /// Chooses the variant anew: after a change of the call, or for another target.
+    pub(crate) fn choose(&mut self, target: KernelTarget) {
+        let kernel = self.call.kernel();
+        self.variant = kernel.choose(target);
+        self.groups = kernel.groups(&self.variant);
+    }
+
+    /// Has it work on some tiles alone.
+    pub(crate) fn set_tiles(&mut self, tiles: Tiles) {
+        self.call.set_tiles(tiles);
+        self.groups = self.call.kernel().groups(&self.variant);
+    }
+
     /// Memory that it touches, with the list of its tiles.
     pub fn traffic(&self) -> Traffic {
-        let mut traffic = self.call.kernel().traffic();
-        if let Some((Tiles::List { buffer, at_most }, ..)) = self.call.tiles() {
+        let mut traffic = self.call.traffic();
+        if let Some(Grid { tiles: Tiles::List { buffer, at_most }, .. }) = self.call.grid() {
             traffic.reads.push((buffer, list_bytes(at_most)));
         }
-        traffic.reads.extend(self.groups.map(|groups| (groups.buffer, GROUPS_BYTES)));
+        traffic.reads.extend(self.indirect.map(|groups| (groups.buffer, GROUPS_BYTES)));
         traffic
     }
 
@@ -160,7 +199,7 @@ pub struct Plan {
     pub stats: BufferId,
     /// What the device says of tiles that need no denoising; `None` where all are denoised.
     pub quiet: Option<active::Activity>,
-    /// Whether what depends on the features alone keeps its place between frames ([`PlanOptions::keep_features`]).
+    /// Whether what depends on the features alone keeps its place between frames ([`Target::keep_features`]).
     pub keeps_features: bool,
 }
 

@@ -1,9 +1,9 @@
 //! From one operation to its kernel.
 
-use super::choices::{conv_pack, fuse, is_separable};
-use super::conv_table::ConvShape;
+use super::fuse::{conv_pack, fuse, is_separable};
 use super::lower::{Lowering, Partials};
 use super::pack::{Pack, linear_outputs};
+use crate::kernels::dense::NARROW_CHANNELS;
 use crate::kernels::winograd::Winograd3x3;
 use crate::kernels::{
     Arithmetic, BufferId, Call, Storage, Tiles, View, dense, film, maps, predicted, unembed, window_attention,
@@ -34,8 +34,6 @@ impl Lowering<'_> {
                 let channels = conv_outputs(*shuffle, *output);
                 // Winograd has no form between two storages.
                 let (src, dst) = (self.view(*input), self.view(*output));
-                let shape = ConvShape::new(&src, channels, *stride, self.padded.width);
-                let form = |shape| self.options.conv_table.get(shape).unwrap_or(self.options.conv);
                 let mut conv = dense::Conv3x3 {
                     src,
                     dst,
@@ -50,11 +48,10 @@ impl Lowering<'_> {
                     arithmetic: Arithmetic::Floats,
                 };
                 conv.arithmetic = self.arithmetic(conv.fits_matrices());
+                let fits_winograd = *stride == 1 && channels > NARROW_CHANNELS && src.storage == dst.storage;
                 let tile = match conv.arithmetic {
-                    Arithmetic::Floats => {
-                        shape.and_then(|shape| form(shape).tile()).filter(|_| src.storage == dst.storage)
-                    }
-                    Arithmetic::Matrices => None,
+                    Arithmetic::Floats if fits_winograd => self.options.conv.tile(),
+                    _ => None,
                 };
                 let pack = conv_pack(weight, *bias, (input.channels, channels), *shuffle, tile);
                 conv.weights = self.dense_pack(&op.name, pack, conv.arithmetic);

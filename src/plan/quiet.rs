@@ -12,15 +12,15 @@
 
 use super::active::{Activity, Part};
 use super::featureless::For;
-use super::quiet_mode::QuietMode;
 use super::quiet_reach::{reach_by_margins, reach_exactly, read_beyond};
 use super::region::{needed_tokens, set_region};
 use super::{Buffer, Dispatch, Place, Plan};
 use crate::frame::{Extent, Region};
 use crate::kernels::film::Computed;
 use crate::kernels::quiet::{Fill, MapSize, QuietMap, REACHES, Reach, Sample, TileList, TileNoise, list_bytes};
-use crate::kernels::{BufferId, Call, Storage, TILE, Tiles, Variants, View};
+use crate::kernels::{BufferId, Call, Grid, KernelTarget, Storage, TILE, Tiles, View};
 use crate::net::graph::Stage;
+use crate::options::QuietMode;
 use std::collections::HashMap;
 
 /// Squares of a frame that are to be sampled, at least: the more there are, the better they stand for all.
@@ -32,7 +32,7 @@ const SPARSEST: u32 = 64;
 
 /// Where the device says how many workgroups a dispatch has.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Groups {
+pub struct IndirectGroups {
     /// The workgroups of a list ([`TileList::groups`]).
     pub buffer: BufferId,
     /// Which list.
@@ -43,13 +43,12 @@ pub struct Groups {
     pub idle: bool,
 }
 
-impl Groups {
-    /// Bytes from the buffer's start to the workgroups of a call; `None` where they are not counted.
-    pub fn offset(&self, call: &Call, variants: Variants) -> Option<u64> {
-        let kernel = call.kernel();
+impl IndirectGroups {
+    /// Bytes from the buffer's start to the workgroups of a dispatch; `None` where they are not counted.
+    pub fn offset(&self, dispatch: &Dispatch) -> Option<u64> {
         match self.idle {
             true => Some(TileList::idle_groups_at(self.max_y)),
-            false => TileList::groups_at(self.max_y, kernel.tiles_a_group(variants), kernel.groups(variants)[1]),
+            false => TileList::groups_at(self.max_y, dispatch.variant.tiles_a_group, dispatch.groups[1]),
         }
     }
 }
@@ -73,6 +72,7 @@ pub(super) struct Frame {
     pub stats: BufferId,
     pub mode: QuietMode,
     pub keeps_features: bool,
+    pub kernels: KernelTarget,
 }
 
 /// A list of the plan: a part of the network at one resolution.
@@ -113,6 +113,7 @@ pub(super) fn apply(merged: Merged, buffers: &mut Vec<Buffer>, frame: &Frame) ->
     // With nothing quiet, an approximate pass is the whole one, its padding with it.
     let real = if frame.mode == QuietMode::Exact { map } else { MapSize::of(frame.extent) };
     let sample = Sample::one_in((real.tiles() / SAMPLES).clamp(DENSEST, SPARSEST), real);
+    let dispatch = |name: &str, call| Dispatch::new(name, Stage::Input, 0, call, frame.kernels);
     let mut before = vec![
         dispatch(
             "quiet.noise",
@@ -169,19 +170,16 @@ pub(super) fn apply(merged: Merged, buffers: &mut Vec<Buffer>, frame: &Frame) ->
             continue;
         };
         let made = &made[list];
-        let groups = Groups { buffer: made.groups, list, max_y: made.max_y, idle: false };
+        let groups = IndirectGroups { buffer: made.groups, list, max_y: made.max_y, idle: false };
         let tiles = |buffer| Tiles::List { buffer, at_most: made.tiles() };
-        dispatch.call.tiles_mut().into_iter().for_each(|own| *own = tiles(made.list));
-        dispatch.groups = Some(groups);
-        let fill = |dst: &View| {
+        dispatch.call.set_tiles(tiles(made.list));
+        dispatch.indirect = Some(groups);
+        let fill = |dst: View| {
             let side = *fills.get(&(at, dst.buffer))?;
-            let fill = Dispatch {
-                name: format!("{}.idle", dispatch.name),
-                call: Call::Fill(Fill { dst: *dst, side, tiles: tiles(made.idle) }),
-                flops: 0,
-                groups: Some(Groups { idle: true, ..groups }),
-                ..dispatch.clone()
-            };
+            let call = Call::Fill(Fill { dst, side, tiles: tiles(made.idle) });
+            let mut fill = dispatch.with_call(call, frame.kernels);
+            fill.name = format!("{}.idle", dispatch.name);
+            fill.indirect = Some(IndirectGroups { idle: true, ..groups });
             Some((fill, frames))
         };
         let filled: Vec<_> = dispatch.call.results().into_iter().filter_map(fill).collect();
@@ -193,21 +191,6 @@ pub(super) fn apply(merged: Merged, buffers: &mut Vec<Buffer>, frame: &Frame) ->
 
 fn is_output(dispatch: &Dispatch) -> bool {
     matches!(dispatch.call, Call::Output(_))
-}
-
-fn dispatch(name: &str, call: Call) -> Dispatch {
-    Dispatch {
-        name: name.to_owned(),
-        stage: Stage::Input,
-        call,
-        barrier: false,
-        flops: 0,
-        band: 0,
-        of_features: false,
-        of_depth: false,
-        groups: None,
-        skipped: false,
-    }
 }
 
 struct Maker<'a> {
@@ -301,7 +284,7 @@ fn estimate_means(
 fn part(merged: &[(Dispatch, For)], scopes: &[Scope], padded: Extent) -> (Vec<List>, Vec<Option<usize>>) {
     let mut lists: Vec<List> = Vec::new();
     let list_of = merged.iter().zip(scopes).map(|((dispatch, _), scope)| {
-        let (_, width, height) = dispatch.call.tiles().filter(|_| *scope != Scope::Whole)?;
+        let Grid { width, height, .. } = dispatch.call.grid().filter(|_| *scope != Scope::Whole)?;
         if is_output(dispatch) {
             return None; // It writes every pixel.
         }
@@ -320,15 +303,9 @@ fn part(merged: &[(Dispatch, For)], scopes: &[Scope], padded: Extent) -> (Vec<Li
             });
             lists.len() - 1
         });
-        lists[at].max_y = lists[at].max_y.max(largest_y(&dispatch.call));
+        lists[at].max_y = lists[at].max_y.max(dispatch.groups[1]);
         Some(at)
     });
     let list_of = list_of.collect();
     (lists, list_of)
-}
-
-/// The most workgroups in y that a call has in any variant.
-fn largest_y(call: &Call) -> u32 {
-    let variants = [false, true].map(|cpu| Variants { cpu, images: false, output_half: false });
-    variants.into_iter().map(|variants| call.kernel().groups(variants)[1]).max().unwrap_or(1)
 }

@@ -4,11 +4,11 @@ use super::Dispatch;
 use super::active::Part;
 use super::featureless::For;
 use super::quiet::{Frame, KINDS, List, sequence};
-use super::quiet_mode::QuietMargins;
 use super::region::needed_tokens;
 use crate::frame::{Extent, Region};
 use crate::kernels::quiet::{BLEND_PIXELS, MAP_TILE, REACHES, Reach};
-use crate::kernels::{BufferId, Call, Shuffle, TILE};
+use crate::kernels::{Access, BufferId, Scale, TILE};
+use crate::options::QuietMargins;
 use std::collections::HashMap;
 
 /// Has tiles `first..end` of so many pixels along an axis look at a square of the map.
@@ -102,7 +102,7 @@ fn each_read(merged: &[(Dispatch, For)], list_of: &[Option<usize>], mut each: im
         let mut written: HashMap<BufferId, Vec<InList>> = HashMap::new();
         for (at, ((dispatch, frames), list)) in merged.iter().zip(list_of).enumerate() {
             let (Some(list), true) = (*list, *frames != other) else { continue };
-            let traffic = dispatch.call.kernel().traffic();
+            let traffic = dispatch.call.traffic();
             for (id, _) in &traffic.reads {
                 written.get(id).into_iter().flatten().for_each(|producer| each((at, list), *producer, *id));
             }
@@ -114,27 +114,26 @@ fn each_read(merged: &[(Dispatch, For)], list_of: &[Option<usize>], mut each: im
 /// The dispatches and those of their results that are read beyond their own tiles, by convolutions or by dispatches over another
 /// list, with the side of a tile of theirs in tokens of the result.
 pub(super) fn read_beyond(merged: &[(Dispatch, For)], list_of: &[Option<usize>]) -> HashMap<(usize, BufferId), u32> {
-    let side = |call: &Call| match call {
-        Call::Conv3x3(conv) => side_of(conv.shuffle),
-        Call::Winograd3x3(winograd) => side_of(winograd.conv.shuffle),
-        Call::Unembed(_) => side_of(Shuffle::Shuffle),
-        Call::KernelInputs(_) => side_of(Shuffle::Shuffle),
-        _ => TILE,
-    };
     let mut found = HashMap::new();
     each_read(merged, list_of, |(at, reader), (from, producer), id| {
-        let around = merged[at].0.call.reads_around().iter().any(|view| view.buffer == id);
+        let maps = merged[at].0.call.maps();
+        let around = maps.iter().any(|(view, access)| access.reads_around() && view.buffer == id);
         if around || reader != producer {
-            found.insert((from, id), side(&merged[from].0.call));
+            found.insert((from, id), side(&merged[from].0, id));
         }
     });
     found
 }
 
-fn side_of(shuffle: Shuffle) -> u32 {
-    match shuffle {
-        Shuffle::None => TILE,
-        Shuffle::Shuffle => 2 * TILE,
-        Shuffle::Unshuffle => TILE / 2,
+/// The side, in tokens of a map that a dispatch writes, of a tile of its own.
+fn side(dispatch: &Dispatch, id: BufferId) -> u32 {
+    let scale = dispatch.call.maps().into_iter().find_map(|(view, access)| match access {
+        Access::Write(scale) if view.buffer == id => Some(scale),
+        _ => None,
+    });
+    match scale {
+        Some(Scale::Double) => 2 * TILE,
+        Some(Scale::Half) => TILE / 2,
+        Some(Scale::Same) | None => TILE,
     }
 }

@@ -10,12 +10,8 @@
 
 use super::{Dispatch, Plan};
 use crate::frame::Region;
-use crate::kernels::aux_projection;
-use crate::kernels::dense::Conv3x3;
 use crate::kernels::frame_io::Output;
-use crate::kernels::predicted::{ALBEDO_REACH, REACH};
-use crate::kernels::winograd::Winograd3x3;
-use crate::kernels::{BufferId, Call, Shuffle, TILE, TileRect, Tiles, TokenRect, View};
+use crate::kernels::{Access, BufferId, Call, Grid, TILE, TileRect, Tiles, TokenRect, View};
 use std::collections::HashMap;
 
 impl Plan {
@@ -34,11 +30,10 @@ impl Plan {
         let keeps = |dispatch: &Dispatch| self.keeps_features && dispatch.of_features;
         let needed = needed_tokens(dispatches, region, keeps);
         for (dispatch, needed) in dispatches.iter_mut().zip(needed) {
-            let (Some(rect), Some((_, width, height))) = (needed, dispatch.call.tiles()) else { continue };
-            let tiles = restrict(&mut dispatch.call, rect);
-            let all = u64::from(Tiles::All.count(width, height)).max(1);
-            let count = tiles.count(width, height);
-            dispatch.flops = dispatch.flops * u64::from(count) / all;
+            let (Some(rect), Some(grid)) = (needed, dispatch.call.grid()) else { continue };
+            dispatch.set_tiles(covering(&grid, rect));
+            let [count, all] = Grid { tiles: covering(&grid, rect), ..grid }.counts();
+            dispatch.flops = dispatch.flops * u64::from(count) / u64::from(all).max(1);
             if count == 0 {
                 dispatch.skip();
             }
@@ -85,11 +80,6 @@ impl Needed {
         TokenRect { top: row(rect.top), bottom: row(rect.bottom), ..rect }
     }
 
-    /// What a kernel over `tiles` of `view` has to compute of it.
-    fn within(&self, view: &View, tiles: &Tiles) -> TokenRect {
-        within(self.of(view), tiles)
-    }
-
     /// Adds tokens of a view, as far as they lie in it.
     fn add(&mut self, view: &View, rect: TokenRect) {
         let rect = rect.within(view.width, view.height);
@@ -99,26 +89,6 @@ impl Needed {
 
     fn add_all(&mut self, view: &View) {
         self.add(view, TokenRect { left: 0, top: 0, right: view.width, bottom: view.height });
-    }
-
-    /// Adds what lies within so many tokens of some.
-    fn add_within(&mut self, view: &View, rect: TokenRect, reach: u32) {
-        let TokenRect { left, top, right, bottom } = rect;
-        if !rect.is_empty() {
-            let (left, top) = (left.saturating_sub(reach), top.saturating_sub(reach));
-            self.add(view, TokenRect { left, top, right: right + reach, bottom: bottom + reach });
-        }
-    }
-
-    /// Adds what a 3x3 convolution of a stride reads for the tokens of its result.
-    fn add_around(&mut self, view: &View, rect: TokenRect, stride: u32) {
-        if rect.is_empty() {
-            return;
-        }
-        let first = |token: u32| (token * stride).saturating_sub(1);
-        let end = |token: u32| (token - 1) * stride + 2;
-        let (left, top, right, bottom) = (first(rect.left), first(rect.top), end(rect.right), end(rect.bottom));
-        self.add(view, TokenRect { left, top, right, bottom });
     }
 }
 
@@ -131,14 +101,11 @@ fn within(rect: TokenRect, tiles: &Tiles) -> TokenRect {
     }
 }
 
-/// Has a call work on the tiles that cover some tokens, and returns them.
-fn restrict(call: &mut Call, rect: TokenRect) -> Tiles {
-    let Some((_, width, height)) = call.tiles() else { return Tiles::All };
+/// The tiles of a grid that cover some of its tokens.
+fn covering(grid: &Grid, rect: TokenRect) -> Tiles {
     // A frame's last tiles may be partial.
-    let (width, height) = (width.next_multiple_of(TILE), height.next_multiple_of(TILE));
-    let tiles = Tiles::Rect(TileRect::covering(rect, width, height));
-    call.tiles_mut().into_iter().for_each(|own| *own = tiles);
-    tiles
+    let (width, height) = (grid.width.next_multiple_of(TILE), grid.height.next_multiple_of(TILE));
+    Tiles::Rect(TileRect::covering(rect, width, height))
 }
 
 /// Restricts calls that run one after the other to what those whose result stays need for the pixel rows `first..end` of the frame.
@@ -153,11 +120,11 @@ pub(super) fn restrict_chain(
     let staying = calls.iter().zip(stays).filter(|(_, stays)| **stays);
     for view in staying.filter_map(|(call, _)| call.result()) {
         let row = |row: u32| (row - top) * view.height / (bottom - top);
-        needed.add(view, TokenRect { left: 0, top: row(first), right: view.width, bottom: row(end) });
+        needed.add(&view, TokenRect { left: 0, top: row(first), right: view.width, bottom: row(end) });
     }
     for call in calls.iter_mut().rev() {
-        if let Some(rect) = needed.before(call) {
-            restrict(call, rect);
+        if let (Some(rect), Some(grid)) = (needed.before(call), call.grid()) {
+            call.set_tiles(covering(&grid, rect));
         }
     }
 }
@@ -171,128 +138,25 @@ impl Needed {
         rect
     }
 
-    /// What a call has to compute for those after it; what it needs itself is added. `None` for kernels without tiles.
+    /// What a call has to compute for those after it; what it needs itself is added. `None` for kernels without a grid.
     fn before(&mut self, call: &Call) -> Option<TokenRect> {
-        Some(match call {
-            Call::Conv3x3(conv) => self.before_conv(conv, 1),
-            // A result of a Winograd tile has rounding errors of everything that the tile reads.
-            Call::Winograd3x3(Winograd3x3 { conv, tile }) => self.before_conv(conv, tile.outputs()),
-            Call::Separable3x3(separable) => {
-                let rect = self.within(&separable.pointwise.dst, &separable.pointwise.tiles);
-                self.add_around(&separable.depthwise.src, rect, 1);
-                separable.pointwise.residual.iter().for_each(|residual| self.add(residual, rect));
-                rect
-            }
-            Call::Linear(linear) => {
-                let rect = self.within(&linear.dst, &linear.tiles);
-                let sources = [Some(&linear.src), linear.src_b.as_ref(), linear.residual.as_ref()];
-                sources.into_iter().flatten().for_each(|source| self.add(source, rect));
-                rect
-            }
-            Call::Depthwise3x3(depthwise) => {
-                let rect = self.within(&depthwise.dst, &depthwise.tiles);
-                self.add_around(&depthwise.src, rect, 1);
-                rect
-            }
-            Call::AuxProjection(projection) => {
-                let rect = self.within(&projection.dst, &projection.tiles);
-                self.add_within(&projection.src, rect, aux_projection::REACH);
-                rect
-            }
-            Call::LayerNorm(norm) => {
-                let rect = self.within(&norm.dst, &norm.tiles);
-                self.add(&norm.src, rect);
-                rect
-            }
-            Call::Unembed(unembed) => {
-                let rect = within(self.of(&unembed.dst).halved(), &unembed.tiles);
-                self.add_within(&unembed.src, rect, 2);
-                rect
-            }
-            Call::KernelInputs(inputs) => {
-                let wanted = self.of(&inputs.dst).and(&self.of(&inputs.taps));
-                let rect = within(wanted.halved(), &inputs.tiles);
-                self.add(&inputs.tokens, rect);
-                for map in [&inputs.early, &inputs.albedo, &inputs.color, &inputs.residual] {
-                    self.add(map, rect.doubled());
-                }
-                rect
-            }
-            Call::PredictKernels(kernels) => {
-                let rect = self.within(&kernels.dst, &kernels.tiles);
-                self.add(&kernels.hidden, rect);
-                self.add_within(&kernels.taps, rect, REACH);
-                self.add_within(&kernels.albedo, rect, ALBEDO_REACH);
-                rect
-            }
-            Call::Halve(halve) => {
-                let rect = self.within(&halve.dst, &halve.tiles);
-                self.add(&halve.src, rect.doubled());
-                rect
-            }
-            Call::ApplyKernels(kernels) => {
-                let rect = self.within(&kernels.dst, &kernels.tiles);
-                self.add(&kernels.logits, rect);
-                self.add_within(&kernels.sums, rect, REACH);
-                rect
-            }
-            Call::MixLevels(mix) => {
-                let rect = self.within(&mix.dst, &mix.tiles);
-                let direct = mix.direct.iter().flat_map(|(color, residual)| [color, residual]);
-                [&mix.pixels].into_iter().chain(direct).for_each(|map| self.add(map, rect));
-                for level in &mix.levels {
-                    // The tokens that hold the pixels, and their neighbours.
-                    self.add_within(level, rect.divided(mix.dst.width / level.width), 1);
-                }
-                rect
-            }
-            Call::WindowAttention(attention) => {
-                let rect = self.of(&attention.dst).in_multiples_of(TILE);
-                self.add(&attention.x, rect);
-                self.add(&attention.f, rect);
-                rect
-            }
-            Call::Expand(expand) => {
-                let rect = self.within(&expand.dst, &expand.tiles);
-                if !rect.is_empty() {
-                    self.add_all(&expand.src);
-                }
-                rect
-            }
-            Call::InputColor(input) => self.within(&input.dst, &input.tiles),
-            Call::InputAux(input) => self.within(&input.dst, &input.tiles),
-            Call::TokenSum(sum) => {
-                self.add_all(&sum.src);
-                return None;
-            }
-            Call::Output(_)
-            | Call::FilmVector(_)
-            | Call::StatsClear(_)
-            | Call::StatsHistogram(_)
-            | Call::StatsSelect(_)
-            | Call::StatsTiles(_)
-            | Call::StatsKey(_)
-            | Call::TileNoise(_)
-            | Call::QuietMap(_)
-            | Call::TileList(_)
-            | Call::Fill(_) => return None,
-        })
-    }
-
-    /// `grain`: tokens on a side that are computed together.
-    fn before_conv(&mut self, conv: &Conv3x3, grain: u32) -> TokenRect {
-        let wanted = self.of(&conv.dst);
-        let TokenRect { left, top, right, bottom } = wanted;
-        let rect = match conv.shuffle {
-            Shuffle::None => wanted,
-            // The result is stored at twice its size ...
-            Shuffle::Shuffle => wanted.halved(),
-            // ... or at half of it.
-            Shuffle::Unshuffle => TokenRect { left: left * 2, top: top * 2, right: right * 2, bottom: bottom * 2 },
+        let maps = call.maps();
+        let Some(grid) = call.grid() else {
+            maps.iter().filter(|(_, access)| !access.writes()).for_each(|(view, _)| self.add_all(view));
+            return None;
         };
-        let rect = within(rect.in_multiples_of(grain), &conv.tiles);
-        self.add_around(&conv.src, rect, conv.stride);
-        conv.residual.iter().for_each(|residual| self.add(residual, rect));
-        rect
+        let wanted = maps.iter().filter_map(|(view, access)| match access {
+            Access::Write(scale) => Some(scale.to_grid(self.of(view))),
+            _ => None,
+        });
+        let wanted = wanted.fold(TokenRect::default(), |all, rect| all.and(&rect));
+        let rect = within(wanted.in_multiples_of(grid.grain), &grid.tiles);
+        for (view, access) in maps.iter().filter(|(_, access)| !access.writes()) {
+            match access.of_grid(rect) {
+                Some(read) => self.add(view, read),
+                None => self.add_all(view),
+            }
+        }
+        Some(rect)
     }
 }

@@ -8,7 +8,7 @@
 //! # unsafe fn sketch(
 //! #     pass: &Pass, binding: &Binding, commands: ash::vk::CommandBuffer, frame: u32, wait_for: impl Fn(u32),
 //! # ) -> Result<()> {
-//! let profiler = Profiler::new(pass, 2)?;                    // once; two frames in flight
+//! let profiler = pass.profiler(2)?;                          // once; two frames in flight
 //! let slot = frame % 2;
 //! unsafe { pass.record_profiled(commands, binding, &FrameOptions::default(), &profiler, slot)? };
 //! wait_for(frame);                                           // the renderer's own fence
@@ -26,18 +26,15 @@
 
 mod record;
 mod roof;
-mod runner;
 mod shape;
 
 pub use record::KernelRecord;
 pub use roof::Roof;
-pub use runner::{PartRunner, TimedRun};
 pub use shape::Shape;
 
 use crate::error::{Error, Result};
-use crate::kernels::Variants;
-use crate::pass::Pass;
 use crate::plan::Dispatch;
+use crate::vk::device::Device;
 use crate::vk::timestamps::Timestamps;
 use std::sync::{Arc, Mutex, PoisonError};
 
@@ -47,29 +44,18 @@ pub struct Profiler {
     /// The most that the pass records.
     dispatches: usize,
     /// By slot: what was recorded last.
-    recorded: Mutex<Vec<Option<Recorded>>>,
-}
-
-#[derive(Clone)]
-struct Recorded {
-    dispatches: Arc<[Dispatch]>,
-    variants: Variants,
+    recorded: Mutex<Vec<Option<Arc<[Dispatch]>>>>,
 }
 
 impl Profiler {
-    /// A profiler of `slots` slots, at least 1: one for each recording that may be in flight at once.
-    ///
-    /// # Errors
-    /// [`Error::Unsupported`] where kernels cannot be timed ([`crate::Device::has_timestamps`]);
-    /// [`Error::InvalidOption`]; [`Error::Vulkan`].
-    pub fn new(pass: &Pass, slots: u32) -> Result<Self> {
-        let dispatches = pass.max_dispatches();
+    /// A profiler of `slots` slots for recordings of at most so many dispatches.
+    pub(crate) fn new(device: &Device, dispatches: usize, slots: u32) -> Result<Self> {
         let count = slots.checked_mul(2 * dispatches as u32).filter(|&count| count > 0);
         let count = count.ok_or_else(|| Error::InvalidOption {
             option: "slots",
             reason: format!("{slots}; at least 1, and their timestamps must be countable in 32 bits"),
         })?;
-        let timestamps = Timestamps::new(pass.device(), count)?;
+        let timestamps = Timestamps::new(device, count)?;
         Ok(Self { timestamps, dispatches, recorded: Mutex::new(vec![None; slots as usize]) })
     }
 
@@ -86,26 +72,24 @@ impl Profiler {
         else {
             return Ok(None);
         };
-        let times = self.timestamps.read(self.first(slot), 2 * recorded.dispatches.len() as u32)?;
+        let times = self.timestamps.read(self.first(slot), 2 * recorded.len() as u32)?;
         Ok(times.map(|times| {
-            let dispatches = recorded.dispatches.iter().zip(times.chunks_exact(2));
-            dispatches
-                .map(|(dispatch, time)| KernelRecord::new(dispatch, recorded.variants, time[0], time[1]))
-                .collect()
+            let dispatches = recorded.iter().zip(times.chunks_exact(2));
+            dispatches.map(|(dispatch, time)| KernelRecord::new(dispatch, time[0], time[1])).collect()
         }))
     }
 
-    /// The timestamps of a slot, to be recorded with kernels of these variants.
-    pub(crate) fn begin(&self, slot: u32, dispatches: &[Dispatch], variants: Variants) -> Result<(&Timestamps, u32)> {
+    /// The timestamps of a slot, to be recorded with these dispatches.
+    pub(crate) fn begin(&self, slot: u32, dispatches: &[Dispatch]) -> Result<(&Timestamps, u32)> {
         if dispatches.len() > self.dispatches {
             return Err(Error::Binding("the profiler was made for another pass".into()));
         }
-        let recorded = Recorded { dispatches: dispatches.into(), variants };
-        let known = self.slots(|slots| slots.get_mut(slot as usize).map(|slot| *slot = Some(recorded)).is_some());
+        let known =
+            self.slots(|slots| slots.get_mut(slot as usize).map(|slot| *slot = Some(dispatches.into())).is_some());
         if known { Ok((&self.timestamps, self.first(slot))) } else { Err(self.no_slot(slot)) }
     }
 
-    fn slots<T>(&self, with: impl FnOnce(&mut Vec<Option<Recorded>>) -> T) -> T {
+    fn slots<T>(&self, with: impl FnOnce(&mut Vec<Option<Arc<[Dispatch]>>>) -> T) -> T {
         with(&mut self.recorded.lock().unwrap_or_else(PoisonError::into_inner))
     }
 

@@ -1,7 +1,7 @@
 //! What is known of one dispatch once it has run.
 
 use super::shape::Shape;
-use crate::kernels::{Accesses, Call, Tiles, Traffic, Variants};
+use crate::kernels::{Accesses, Call, Traffic};
 use crate::net::graph::Stage;
 use crate::plan::Dispatch;
 use crate::plan::active::ActiveTiles;
@@ -46,11 +46,10 @@ pub struct KernelRecord {
 
 impl KernelRecord {
     /// A dispatch that started and ended at these microseconds.
-    pub(super) fn new(dispatch: &Dispatch, variants: Variants, start: f64, end: f64) -> Self {
-        let kernel = dispatch.call.kernel();
-        let contract = kernel.contract(variants);
+    pub(super) fn new(dispatch: &Dispatch, start: f64, end: f64) -> Self {
+        let contract = dispatch.variant.contract;
         let traffic = if dispatch.skipped { Traffic::default() } else { dispatch.traffic() };
-        let accesses = dispatch.call.accesses(variants);
+        let accesses = dispatch.call.accesses(&dispatch.variant);
         let bytes = |touched: &[(_, u64)]| touched.iter().map(|(_, bytes)| bytes).sum();
         Self {
             name: dispatch.name.clone(),
@@ -60,20 +59,18 @@ impl KernelRecord {
             matrix: contract.needs_matrix(),
             shape: Shape::of(&dispatch.call),
             skipped: dispatch.skipped,
-            tiles: dispatch.call.tiles().filter(|_| !matches!(dispatch.call, Call::Fill(_))).map(
-                |(tiles, width, height)| {
-                    let active = if dispatch.skipped { 0 } else { tiles.count(width, height) };
-                    [active, Tiles::All.count(width, height)]
-                },
-            ),
-            groups: if dispatch.skipped { [0; 3] } else { kernel.groups(variants) },
+            tiles: dispatch.call.grid().filter(|_| !matches!(dispatch.call, Call::Fill(_))).map(|grid| {
+                let [active, all] = grid.counts();
+                [if dispatch.skipped { 0 } else { active }, all]
+            }),
+            groups: if dispatch.skipped { [0; 3] } else { dispatch.groups },
             flops: dispatch.flops,
             bytes_read: bytes(&traffic.reads),
             bytes_written: bytes(&traffic.writes),
             accesses: if dispatch.skipped { accesses.map(|_| Accesses::default()) } else { accesses },
             start,
             microseconds: (end - start).max(0.0),
-            list: dispatch.groups.filter(|groups| !groups.idle).map(|groups| groups.list),
+            list: dispatch.indirect.filter(|groups| !groups.idle).map(|groups| groups.list),
         }
     }
 

@@ -6,7 +6,7 @@ use super::instance::{Messages, OwnedInstance};
 use super::matrix::{self, MatrixShape};
 use super::pipeline_cache::PipelineCache;
 use super::selector::{DeviceSelector, enumerate, select};
-use crate::cache::{Cache, CacheFile};
+use crate::cache::Cache;
 use crate::error::{Error, Result};
 use ash::{khr, vk};
 use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
@@ -74,8 +74,6 @@ struct Inner {
     allocator: ManuallyDrop<Mutex<Allocator>>,
     memory_in_use: AtomicU64,
     pipeline_cache: PipelineCache,
-    /// Where what was learnt of the device is kept.
-    cache: Cache,
     queue_family: u32,
     /// The queue of our own device. A renderer keeps its queues to itself.
     queue: Option<Mutex<vk::Queue>>,
@@ -200,7 +198,6 @@ impl Device {
         Ok(Self(Arc::new(Inner {
             info,
             pipeline_cache: PipelineCache::new(&raw, &caps.identity, &options.cache),
-            cache: options.cache.clone(),
             caps,
             raw,
             allocator,
@@ -262,7 +259,6 @@ impl Device {
             info,
             allocator: allocator(&instance, physical_device, &device)?,
             pipeline_cache: PipelineCache::new(&device, &caps.identity, &cache),
-            cache,
             caps,
             raw: device,
             memory_in_use: AtomicU64::new(0),
@@ -319,11 +315,6 @@ impl Device {
     /// What reads the statistics of pipelines; pipelines capture them where this is set.
     pub(crate) fn executables(&self) -> Option<&khr::pipeline_executable_properties::Device> {
         self.0.executables.as_ref()
-    }
-
-    /// A file of the cache for what was found on this device, with this driver and these kernels; `None`: nothing is kept.
-    pub(crate) fn cache_file(&self, what: &str) -> Option<CacheFile> {
-        CacheFile::of_device(&self.0.cache, what, &self.caps().identity)
     }
 
     pub(crate) fn pipeline_cache(&self) -> &PipelineCache {

@@ -6,7 +6,7 @@ use super::random::Random;
 use half::f16;
 use vkdenoise::DeviceKind;
 use vkdenoise::frame::Extent;
-use vkdenoise::kernels::{Arithmetic, BufferId, Call, HALF_TILE, Storage, TILE, TileRect, Tiles, Variants, View};
+use vkdenoise::kernels::{Arithmetic, BufferId, Call, HALF_TILE, KernelTarget, Storage, TILE, TileRect, Tiles, View};
 use vkdenoise::net::{
     Arch, Block, Bottleneck, Convolution, Decoder, DepthRule, ExposureRule, Head, Preprocessing, StageSpec, Weights,
 };
@@ -64,13 +64,13 @@ pub fn worth_compiling<T: Copy>(cases: &[T], on_cpu: usize) -> Vec<T> {
     cases[..count].to_vec()
 }
 
-/// The portable variants.
-pub const PORTABLE: Variants = Variants { cpu: false, images: false, output_half: false };
+/// The portable kernels.
+pub const PORTABLE: KernelTarget = KernelTarget { cpu: false, images: false, output_half: false };
 
-/// The variants to run: the portable one; with weights handed round in the subgroup, if the device can.
-pub fn variants() -> Vec<Variants> {
-    let all = [PORTABLE, Variants { cpu: true, ..PORTABLE }];
-    all.into_iter().filter(|variants| !variants.cpu || Bench::can_run_cpu_kernels(device())).collect()
+/// What to choose kernels for: the portable ones; with weights handed round in the subgroup, if the device can.
+pub fn targets() -> Vec<KernelTarget> {
+    let all = [PORTABLE, KernelTarget { cpu: true, ..PORTABLE }];
+    all.into_iter().filter(|target| !target.cpu || Bench::can_run_cpu_kernels(device())).collect()
 }
 
 /// Makes the buffers on a bench, in order, and fills those of weights.
@@ -238,16 +238,16 @@ impl Cases {
         if in_halves && !Bench::can_store_halves(device()) {
             return println!("{name}: the device cannot store halves, maps of them are not tested");
         }
-        let on_matrices = self.cases.iter().filter(|(call, _)| call.kernel().contract(PORTABLE).needs_matrix()).count();
+        let on_matrices = self.cases.iter().filter(|(call, _)| call.kernel().choose(PORTABLE).is_on_matrices()).count();
         // One form alone, or the other two.
         assert!(on_matrices == 0 || on_matrices == self.cases.len(), "{name}: {on_matrices} cases are on matrices");
         if on_matrices > 0 && !device().has_matrices() {
             return println!("{name}: the device has no cooperative matrices, their kernels are not tested");
         }
-        let forms = if on_matrices > 0 { vec![PORTABLE] } else { variants() };
+        let forms = if on_matrices > 0 { vec![PORTABLE] } else { targets() };
         let expected = self.reference();
-        for variants in forms {
-            let mut bench = Bench::new(device(), variants).unwrap();
+        for target in forms {
+            let mut bench = Bench::new(device(), target).unwrap();
             make_buffers(&mut bench, &self.buffers, &self.weights);
             let calls: Vec<Call> = self.cases.iter().map(|(call, _)| call.clone()).collect();
             let mut before = Vec::new();
@@ -267,8 +267,8 @@ impl Cases {
             let mut worst = 0.0f64;
             for (case, (call, result)) in self.cases.iter().enumerate() {
                 let nmse = compare(&self.elements(*result, &after[result.0], &expected[case]), &expected[case])
-                    .unwrap_or_else(|wrong| panic!("{name} {variants:?}: {wrong} in {call:?}"));
-                assert!(nmse <= limit, "{name} {variants:?}: NMSE {nmse:.1e} in {call:?}");
+                    .unwrap_or_else(|wrong| panic!("{name} {target:?}: {wrong} in {call:?}"));
+                assert!(nmse <= limit, "{name} {target:?}: NMSE {nmse:.1e} in {call:?}");
                 worst = worst.max(nmse);
             }
             for (i, (before, after)) in before.iter().zip(&after).enumerate() {
@@ -279,7 +279,7 @@ impl Cases {
             for (_, result) in &self.cases {
                 assert!(self.bits(&bench, *result) == after[result.0], "{name}: another run, other bits");
             }
-            let kind = match variants.cpu {
+            let kind = match target.cpu {
                 _ if on_matrices > 0 => "on matrices",
                 true => "for CPU drivers",
                 false => "portable",

@@ -8,8 +8,9 @@ use vkdenoise::kernels::winograd::Winograd3x3;
 use vkdenoise::kernels::{BufferId, Call, View};
 use vkdenoise::net::{Folds, Graph, Weights};
 use vkdenoise::plan::pack::Pack;
-use vkdenoise::plan::{Place, Plan, PlanOptions, plan};
+use vkdenoise::plan::{Place, Plan, plan};
 use vkdenoise::reference::Reference;
+use vkdenoise::target::Target;
 use vkdenoise::testing::Bench;
 
 /// The plan of these weights' network, everything folded.
@@ -20,7 +21,7 @@ pub fn plan_of(weights: &Weights, extent: Extent) -> Plan {
 /// The same with these folds.
 pub fn plan_with(weights: &Weights, extent: Extent, folds: Folds) -> Plan {
     let graph = Graph::new(weights.arch()).unwrap();
-    plan(&graph, extent, &PlanOptions { keep_all: true, folds, ..PlanOptions::default() }).unwrap()
+    plan(&graph, extent, &Target { keep_all: true, folds, ..Target::default() }).unwrap()
 }
 
 /// Where the dispatches of the network proper lie in a plan: after the inputs, before the output.
@@ -31,7 +32,7 @@ pub fn network_range(plan: &Plan) -> std::ops::Range<usize> {
 
 /// Every buffer of a plan in memory of its own, so that all can be read after a run.
 pub fn bench_of(plan: &Plan, weights: &Weights) -> Bench {
-    let mut bench = Bench::new(device(), Bench::default_variants(device())).unwrap();
+    let mut bench = Bench::new(device(), Bench::default_target(device())).unwrap();
     make_buffers(&mut bench, &plan.buffers, weights);
     bench
 }

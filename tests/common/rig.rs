@@ -2,13 +2,13 @@
 
 use super::case::make_buffers;
 use super::device::device;
-use vkdenoise::kernels::{BufferId, Call, Storage, Variants};
+use vkdenoise::kernels::{BufferId, Call, KernelTarget, Storage};
 use vkdenoise::plan::{Buffer, Place};
 use vkdenoise::reference::Reference;
 use vkdenoise::testing::{Bench, SENTINEL};
 use vkdenoise::{Extent, Weights};
 
-const PORTABLE: Variants = Variants { cpu: false, images: false, output_half: false };
+const PORTABLE: KernelTarget = KernelTarget { cpu: false, images: false, output_half: false };
 
 /// Buffers on a device and for the twins.
 pub struct Rig<'a> {

@@ -4,7 +4,7 @@ use crate::budget::{Result, measure, residual, table};
 use std::path::PathBuf;
 use vkdenoise::exr_io::{ExrFrame, LayerOptions};
 use vkdenoise::kernels::winograd::WinogradTile;
-use vkdenoise::plan::{ConvAlgorithm, PlanOptions};
+use vkdenoise::target::{ConvAlgorithm, Target};
 use vkdenoise::testing::Bench;
 use vkdenoise::{Device, DeviceSelector, Extent, Frame, Weights};
 
@@ -42,13 +42,13 @@ enum Form {
 }
 
 impl Form {
-    fn options(self) -> PlanOptions {
+    fn target(self) -> Target {
         let conv = match self {
             Self::Direct => ConvAlgorithm::Direct,
             Self::F2 => ConvAlgorithm::Winograd(WinogradTile::F2),
             Self::F4 => ConvAlgorithm::Winograd(WinogradTile::F4),
         };
-        PlanOptions { conv, ..PlanOptions::default() }
+        Target { conv, ..Target::default() }
     }
 }
 
@@ -61,7 +61,8 @@ pub fn run(args: &BudgetArgs) -> Result<()> {
     let extent = Extent::new(args.size.width.min(whole.extent.width), args.size.height.min(whole.extent.height));
     // The strides stay those of the whole frame.
     let frame = Frame { extent, ..whole };
-    let lines = measure(&device, &weights, &frame, Bench::default_variants(&device), &args.conv.options())?;
+    let target = Target { kernels: Bench::default_target(&device), ..args.conv.target() };
+    let lines = measure(&device, &weights, &frame, &target)?;
     if let Some(path) = &args.markdown {
         std::fs::write(path, table::markdown(&lines))?;
     }

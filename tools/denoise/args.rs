@@ -101,11 +101,6 @@ pub struct Args {
     #[arg(long, value_name = "DIR", env = "VKDENOISE_CACHE", default_value = "user", value_parser = parsed::<Cache>)]
     pub cache: Cache,
 
-    /// Take the form of each convolution that is fastest on this device for images of about the size of the first:
-    /// measured once, which takes some passes, and remembered in --cache
-    #[arg(long)]
-    pub tune: bool,
-
     /// Denoise these pixels alone, for part of the work and with the same result: X,Y,W,H, counted from the upper left
     /// corner of the image. The output is the input cropped to them
     #[arg(long, value_name = "X,Y,W,H", allow_hyphen_values = true, value_parser = parsed::<Region>)]

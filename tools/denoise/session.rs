@@ -48,8 +48,8 @@ struct Engine {
 }
 
 impl Engine {
-    /// For images of about `extent`.
-    fn open(args: &Args, weights: &Weights, selector: &DeviceSelector, extent: Extent) -> Result<Self, Error> {
+    /// Opens the device.
+    fn open(args: &Args, weights: &Weights, selector: &DeviceSelector) -> Result<Self, Error> {
         let (selector, cache) = (selector.clone(), args.cache.clone());
         let device = Device::open_with(&DeviceOptions { selector, cache, ..DeviceOptions::default() })?;
         let Args { precision, exposure, blend, fireflies, memory_budget, .. } = args;
@@ -62,10 +62,7 @@ impl Engine {
             quiet: args.quiet(),
             ..Options::default()
         };
-        let mut denoiser = match args.tune {
-            true => Denoiser::tuned(&device, weights, &options, extent)?,
-            false => Denoiser::new(&device, weights, &options)?,
-        };
+        let mut denoiser = Denoiser::new(&device, weights, &options)?;
         denoiser.set_region(args.region);
         Ok(Self { device, denoiser })
     }
@@ -121,7 +118,7 @@ impl<'a> Session<'a> {
         let engine = match &mut self.engine {
             Some(engine) => engine,
             none => {
-                let opened = Engine::open(self.args, self.weights, &self.selector, extent);
+                let opened = Engine::open(self.args, self.weights, &self.selector);
                 none.insert(opened.map_err(|e| Trouble::Everything(Failure::failed(e)))?)
             }
         };

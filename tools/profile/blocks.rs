@@ -6,7 +6,7 @@ use crate::table::{self, number};
 use crate::{Failure, thesis};
 use serde_json::json;
 use vkdenoise::net::{Block, Convolution, Graph};
-use vkdenoise::plan::PlanOptions;
+use vkdenoise::target::Target;
 use vkdenoise::{Extent, Precision};
 
 /// The thesis does not state the share of channels that attend; in its Hybrid it is this.
@@ -20,7 +20,7 @@ fn candidates(channels: u32) -> Result<Vec<Candidate>, Failure> {
     ];
     let candidate = |(name, kind): (&str, _)| {
         let graph = Graph::of_block(kind, channels).map_err(|error| Failure(error.to_string()))?;
-        Ok(Candidate { name: name.into(), graph, options: PlanOptions::default(), precision: Precision::F32 })
+        Ok(Candidate { name: name.into(), graph, options: Target::default(), precision: Precision::F32 })
     };
     kinds.into_iter().map(candidate).collect()
 }

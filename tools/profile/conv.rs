@@ -10,7 +10,7 @@ use crate::{Failure, export, thesis};
 use serde_json::json;
 use vkdenoise::kernels::winograd::WinogradTile;
 use vkdenoise::net::{Convolution, Graph};
-use vkdenoise::plan::{ConvAlgorithm, PlanOptions, SeparableForm};
+use vkdenoise::target::{ConvAlgorithm, SeparableForm, Target};
 use vkdenoise::{Extent, KernelRecord, Precision};
 
 /// Lanes that share an instruction where the thesis counted.
@@ -19,11 +19,9 @@ const WARP: f64 = 32.0;
 const ON_MATRICES: &str = "on matrices";
 
 fn candidates(channels: u32, matrices: bool) -> Result<Vec<Candidate>, Failure> {
-    let standard =
-        |name: &str, conv| (name.to_owned(), Convolution::Standard, PlanOptions { conv, ..PlanOptions::default() });
-    let separable = |name: &str, separable| {
-        (name.to_owned(), Convolution::Separable, PlanOptions { separable, ..PlanOptions::default() })
-    };
+    let standard = |name: &str, conv| (name.to_owned(), Convolution::Standard, Target { conv, ..Target::default() });
+    let separable =
+        |name: &str, separable| (name.to_owned(), Convolution::Separable, Target { separable, ..Target::default() });
     let mut all = vec![
         standard("direct", ConvAlgorithm::Direct),
         standard("F(2x2,3x3)", ConvAlgorithm::Winograd(WinogradTile::F2)),

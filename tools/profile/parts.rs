@@ -4,16 +4,16 @@ use crate::Failure;
 use crate::network::weights;
 use crate::session::Session;
 use crate::summary::Summary;
+use vkdenoise::microbench::PartRunner;
 use vkdenoise::net::Graph;
-use vkdenoise::plan::PlanOptions;
-use vkdenoise::profile::PartRunner;
+use vkdenoise::target::Target;
 use vkdenoise::{Extent, KernelRecord, Precision};
 
 /// Something to run, and what it is called.
 pub struct Candidate {
     pub name: String,
     pub graph: Graph,
-    pub options: PlanOptions,
+    pub options: Target,
     pub precision: Precision,
 }
 

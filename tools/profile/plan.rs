@@ -7,16 +7,17 @@ use crate::{Failure, args::Common};
 use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::collections::BTreeMap;
-use vkdenoise::kernels::{Arithmetic, Storage, Variants};
+use vkdenoise::kernels::{Arithmetic, Storage};
 use vkdenoise::net::{Arch, Graph};
-use vkdenoise::plan::{Dispatch, PlanOptions, plan};
+use vkdenoise::plan::{Dispatch, plan};
 use vkdenoise::profile::{Roof, Shape};
+use vkdenoise::target::Target;
 use vkdenoise::{Extent, Precision};
 
 /// What a device can do, in GFLOP/s, GB/s and microseconds.
 #[derive(Clone, Debug, Deserialize, Serialize)]
 #[serde(deny_unknown_fields)]
-pub struct Target {
+pub struct Machine {
     pub name: String,
     /// Multiply-adds of 32-bit floats, counted twice.
     pub gflop_per_second: f64,
@@ -31,8 +32,8 @@ pub struct Target {
 }
 
 /// Measured on an NVIDIA H100 80GB, driver 580.159.04; the second is a mid-range card of 2023 by its data sheet.
-fn named(name: &str) -> Option<Target> {
-    let target = |gflop_per_second, matrix, gb_per_second| Target {
+fn named(name: &str) -> Option<Machine> {
+    let target = |gflop_per_second, matrix, gb_per_second| Machine {
         name: name.into(),
         gflop_per_second,
         matrix_gflop_per_second: Some(matrix),
@@ -47,7 +48,7 @@ fn named(name: &str) -> Option<Target> {
     }
 }
 
-impl Target {
+impl Machine {
     /// By a built-in name, from a JSON file of the same fields, or, as "device", measured on the device at hand.
     pub fn find(name: &str, common: &Common) -> Result<Self, Failure> {
         if name == "device" {
@@ -82,7 +83,7 @@ impl Target {
     }
 
     /// How a device of this kind runs a network.
-    fn options(&self, precision: Precision) -> Result<PlanOptions, Failure> {
+    fn target(&self, precision: Precision) -> Result<Target, Failure> {
         let (storage, arithmetic) = match precision {
             Precision::F32 => (Storage::F32, Arithmetic::Floats),
             Precision::F16 => (Storage::F16, Arithmetic::Floats),
@@ -92,7 +93,7 @@ impl Target {
             Precision::Auto if self.matrix_gflop_per_second.is_none() => (Storage::F16, Arithmetic::Floats),
             Precision::Auto | Precision::Matrix => (Storage::F16, Arithmetic::Matrices),
         };
-        Ok(PlanOptions::for_gpu(storage, arithmetic))
+        Ok(Target::for_gpu(storage, arithmetic))
     }
 }
 
@@ -113,25 +114,22 @@ struct Row {
     predicted_us: f64,
 }
 
-const VARIANTS: Variants = Variants { cpu: false, images: false, output_half: false };
-
 impl Row {
-    fn new(dispatch: &Dispatch, target: &Target) -> Self {
-        let kernel = dispatch.call.kernel();
-        let (contract, traffic) = (kernel.contract(VARIANTS), dispatch.traffic());
+    fn new(dispatch: &Dispatch, machine: &Machine) -> Self {
+        let (contract, traffic) = (dispatch.variant.contract, dispatch.traffic());
         let megabytes = |touched: &[(_, u64)]| touched.iter().map(|(_, bytes)| *bytes as f64 * 1e-6).sum::<f64>();
         let (mb_read, mb_written) = (megabytes(&traffic.reads), megabytes(&traffic.writes));
-        let matrices = target.matrix_gflop_per_second.filter(|_| contract.needs_matrix());
+        let matrices = machine.matrix_gflop_per_second.filter(|_| contract.needs_matrix());
         let gflop = dispatch.flops as f64 * 1e-9;
-        let by_flops = gflop / matrices.unwrap_or(target.gflop_per_second) * 1e6;
-        let roof_us = by_flops.max((mb_read + mb_written) / target.gb_per_second * 1e3);
-        let own_us = if dispatch.barrier { target.barrier_us } else { target.dispatch_us };
+        let by_flops = gflop / matrices.unwrap_or(machine.gflop_per_second) * 1e6;
+        let roof_us = by_flops.max((mb_read + mb_written) / machine.gb_per_second * 1e3);
+        let own_us = if dispatch.barrier { machine.barrier_us } else { machine.dispatch_us };
         Self {
             stage: dispatch.stage.to_string(),
             layer: dispatch.name.clone(),
             variant: contract.name,
             shape: Shape::of(&dispatch.call).to_string(),
-            groups: kernel.groups(VARIANTS).into_iter().product(),
+            groups: dispatch.groups.into_iter().product(),
             gflop,
             mb_read,
             mb_written,
@@ -181,17 +179,17 @@ pub fn plan_of(
     name: &str,
     extent: Extent,
     precision: Precision,
-    target: &Target,
+    machine: &Machine,
     as_json: bool,
 ) -> Result<(), Failure> {
     let arch = Arch::named(name).ok_or_else(|| Failure(format!("there is no network called {name}")))?;
     let graph = Graph::new(&arch).map_err(|error| Failure(error.to_string()))?;
-    let plan = plan(&graph, extent, &target.options(precision)?)?;
-    let rows: Vec<Row> = plan.dispatches.iter().map(|dispatch| Row::new(dispatch, target)).collect();
+    let plan = plan(&graph, extent, &machine.target(precision)?)?;
+    let rows: Vec<Row> = plan.dispatches.iter().map(|dispatch| Row::new(dispatch, machine)).collect();
     let sums = sums(&rows);
     if as_json {
         let report = json!({
-            "target": target, "network": name, "width": extent.width, "height": extent.height,
+            "target": machine, "network": name, "width": extent.width, "height": extent.height,
             "device_bytes": plan.bytes(), "dispatches": rows.len(), "kernels": rows, "sums": sums,
         });
         println!("{report:#}");
@@ -201,7 +199,7 @@ pub fn plan_of(
         "{name}, {}x{} on {}: {} dispatches, {:.0} MiB of device memory",
         extent.width,
         extent.height,
-        target.name,
+        machine.name,
         rows.len(),
         plan.bytes() as f64 / f64::from(1 << 20)
     );

@@ -5,11 +5,12 @@
 pub mod table;
 
 use vkdenoise::kernels::window_attention::WindowAttention;
-use vkdenoise::kernels::{Call, PlaneArgs, Storage, TILE, Variants, View};
+use vkdenoise::kernels::{Call, KernelTarget, PlaneArgs, Storage, TILE, View};
 use vkdenoise::net::{Graph, Weights};
 use vkdenoise::plan::pack::Pack;
-use vkdenoise::plan::{Dispatch, Place, Plan, PlanOptions, plan};
+use vkdenoise::plan::{Dispatch, Place, Plan, plan};
 use vkdenoise::reference::Reference;
+use vkdenoise::target::Target;
 use vkdenoise::testing::Bench;
 use vkdenoise::{Device, Frame, Plane, Samples};
 
@@ -48,18 +49,12 @@ pub struct Line {
 ///
 /// # Errors
 /// Those of the library: memory, planes that do not fit, a lost device.
-pub fn measure(
-    device: &Device,
-    weights: &Weights,
-    frame: &Frame,
-    variants: Variants,
-    forms: &PlanOptions,
-) -> Result<Vec<Line>> {
+pub fn measure(device: &Device, weights: &Weights, frame: &Frame, target: &Target) -> Result<Vec<Line>> {
     let graph = Graph::new(weights.arch())?;
-    let plan = plan(&graph, frame.extent, &PlanOptions { keep_all: true, ..*forms })?;
+    let plan = plan(&graph, frame.extent, &Target { keep_all: true, ..*target })?;
     let end =
         plan.dispatches.iter().position(|d| matches!(d.call, Call::Output(_))).ok_or("a plan without an output")?;
-    let bench = run_on_device(device, weights, frame, variants, &plan, end)?;
+    let bench = run_on_device(device, weights, frame, target.kernels, &plan, end)?;
     let mut reference = Reference::new(&plan, weights)?;
     reference.set_frame(frame, None, 0.0)?;
     let mut lines = Vec::new();
@@ -68,7 +63,7 @@ pub fn measure(
         if let Some(view) = dispatch.call.result() {
             let found =
                 elements(bench.download(view.buffer, plan.buffer(view.buffer).bytes as usize / 4), view.storage);
-            let mut line = compare(dispatch, view, &found, &reference.view(view), variants);
+            let mut line = compare(dispatch, &view, &found, &reference.view(&view));
             if let Call::WindowAttention(attention) = &dispatch.call {
                 line.scores = Some(scores(&reference, &plan, attention, weights)?);
             }
@@ -77,7 +72,7 @@ pub fn measure(
             let found = bench.download(film.dst, film.outputs as usize);
             let expected = &reference.buffer(film.dst)[..found.len()];
             let pairs = found.iter().zip(expected).map(|(f, e)| (f64::from(*f), *e));
-            lines.push(line(dispatch, variants, pairs));
+            lines.push(line(dispatch, pairs));
         }
     }
     Ok(lines)
@@ -87,11 +82,11 @@ fn run_on_device(
     device: &Device,
     weights: &Weights,
     frame: &Frame,
-    variants: Variants,
+    target: KernelTarget,
     plan: &Plan,
     end: usize,
 ) -> Result<Bench> {
-    let mut bench = Bench::new(device, variants)?;
+    let mut bench = Bench::new(device, target)?;
     for buffer in &plan.buffers {
         let id = bench.buffer(&buffer.name, buffer.bytes)?;
         if let Place::Weights { pack, .. } = &buffer.place {
@@ -131,7 +126,7 @@ fn upload(bench: &mut Bench, plane: Option<&Plane>) -> Result<PlaneArgs> {
     Ok(PlaneArgs { offset: layout.offset as u32, ..bench.plane(id, pixel, row, channel) })
 }
 
-fn compare(dispatch: &Dispatch, view: &View, buffer: &[f32], expected: &[f64], variants: Variants) -> Line {
+fn compare(dispatch: &Dispatch, view: &View, buffer: &[f32], expected: &[f64]) -> Line {
     let (channels, stride) = (view.channels as usize, view.stride as usize);
     let found = buffer.chunks_exact(stride).flat_map(|token| &token[view.first as usize..][..channels]);
     let pairs: Vec<(f64, f64)> = found.zip(expected).map(|(f, e)| (f64::from(*f), *e)).collect();
@@ -145,10 +140,10 @@ fn compare(dispatch: &Dispatch, view: &View, buffer: &[f32], expected: &[f64], v
     let worst = windows.iter().enumerate().max_by(|a, b| a.1.total_cmp(b.1));
     let worst_window =
         worst.map(|(i, error)| ((i as u32 % across * TILE, i as u32 / across * TILE), ratio(*error, energy)));
-    Line { worst_window, ..line(dispatch, variants, pairs.into_iter()) }
+    Line { worst_window, ..line(dispatch, pairs.into_iter()) }
 }
 
-fn line(dispatch: &Dispatch, variants: Variants, pairs: impl Iterator<Item = (f64, f64)>) -> Line {
+fn line(dispatch: &Dispatch, pairs: impl Iterator<Item = (f64, f64)>) -> Line {
     let (mut error, mut rounding, mut energy, mut largest) = (0.0f64, 0.0, 0.0, 0.0f64);
     let (mut small, mut values) = (0u64, 0u64);
     for (found, expected) in pairs {
@@ -161,7 +156,7 @@ fn line(dispatch: &Dispatch, variants: Variants, pairs: impl Iterator<Item = (f6
     }
     Line {
         name: dispatch.name.clone(),
-        kernel: dispatch.call.kernel().contract(variants).name,
+        kernel: dispatch.variant.contract.name,
         nmse: ratio(error, energy),
         largest,
         half_range: largest / HALF_MAX,

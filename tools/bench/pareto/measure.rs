@@ -8,8 +8,9 @@ use cpu_time::ProcessTime;
 use vkdenoise::kernels::stats::EXPOSURE;
 use vkdenoise::metrics::{Comparison, nmse};
 use vkdenoise::net::Graph;
-use vkdenoise::plan::{PlanOptions, plan};
+use vkdenoise::plan::plan;
 use vkdenoise::reference::Reference;
+use vkdenoise::target::Target;
 use vkdenoise::{Denoiser, Device, DeviceKind, Extent, Layout, Options, PlaneMut, Weights};
 
 /// A network with a name.
@@ -97,7 +98,7 @@ impl Exact {
     pub fn of(network: &Network, scene: &Scene, side: u32) -> Result<Self> {
         let part = upper_left(scene, side);
         let graph = Graph::new(network.weights.arch())?;
-        let plan = plan(&graph, part.extent, &PlanOptions::default())?;
+        let plan = plan(&graph, part.extent, &Target::default())?;
         let mut reference = Reference::new(&plan, &network.weights)?;
         reference.set_frame(&part.frame(), None, 0.0)?;
         reference.run();

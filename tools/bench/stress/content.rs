@@ -8,8 +8,9 @@ use super::{Bound, Cases, Effort, Measured, Result, bad_samples, sound};
 use vkdenoise::kernels::stats::EXPOSURE;
 use vkdenoise::metrics::nmse;
 use vkdenoise::net::Graph;
-use vkdenoise::plan::{PlanOptions, plan};
+use vkdenoise::plan::plan;
 use vkdenoise::reference::Reference;
+use vkdenoise::target::Target;
 use vkdenoise::testing::denoise_and_read;
 use vkdenoise::{Extent, Layout, PlaneMut};
 
@@ -85,7 +86,7 @@ fn content(subject: &mut Subject, effort: Effort, change: fn(&mut Scene)) -> Res
 /// How far the engine is from the f64 reference.
 fn to_reference(engine: &mut Engine, scene: &Scene) -> Result<Measured> {
     let (residual, _) = denoise_and_read(&mut engine.denoiser, &scene.frame(), |plan| plan.residual.buffer)?;
-    let plan = plan(&Graph::new(engine.weights.arch())?, scene.extent, &PlanOptions::default())?;
+    let plan = plan(&Graph::new(engine.weights.arch())?, scene.extent, &Target::default())?;
     let mut reference = Reference::new(&plan, &engine.weights)?;
     reference.set_frame(&scene.frame(), None, 0.0)?;
     reference.run();

@@ -9,7 +9,7 @@ use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::str::FromStr;
 use vkdenoise::kernels::winograd::WinogradTile;
 use vkdenoise::net::{Folds, Graph};
-use vkdenoise::plan::{ConvAlgorithm, SeparableForm};
+use vkdenoise::target::{ConvAlgorithm, SeparableForm};
 use vkdenoise::testing::{Bench, denoiser_with_kernels};
 use vkdenoise::{Denoiser, Device, Layout, Options, PlaneMut, Precision, Quiet, QuietMode, Weights};
 
@@ -52,7 +52,7 @@ impl Tier {
             name: "fp32",
             precision: Precision::F32,
             exactness: Exactness::Single,
-            cpu_kernels: Bench::default_variants(device).cpu,
+            cpu_kernels: Bench::default_target(device).cpu,
             conv: ConvAlgorithm::Direct,
             fused: true,
             quiet: None,

@@ -1,9 +1,29 @@
-//! How far beyond what is denoised the network computes, where quiet tiles are left out.
+//! Leaving out what needs no denoising.
 
 use crate::error::{Error, Result};
 use crate::kernels::quiet::BLEND_PIXELS;
 use crate::net::graph::Stage;
 use std::str::FromStr;
+
+/// Leaves out what needs no denoising: squares of 16x16 pixels whose noise is low get the caller's own colour, blended beside what
+/// is denoised. The frame is not cut into bands then, so that it may take more device memory ([`Denoiser::memory_required`]).
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Quiet {
+    /// The relative standard deviation of a pixel up to which it is left as it is, above 0. 0.02 is hardly visible.
+    pub threshold: f32,
+    /// How far beyond what is denoised the network computes.
+    pub mode: QuietMode,
+}
+
+impl Quiet {
+    pub(crate) fn check(&self) -> Result<()> {
+        if self.threshold.is_finite() && self.threshold > 0.0 {
+            return Ok(());
+        }
+        let reason = format!("{}; it must be a number above 0", self.threshold);
+        Err(Error::InvalidOption { option: "quiet threshold", reason })
+    }
+}
 
 /// How far beyond what is denoised the network computes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -53,7 +73,7 @@ pub struct QuietMargins {
 }
 
 impl QuietMargins {
-    pub(super) fn of(&self, stage: Stage) -> u32 {
+    pub(crate) fn of(&self, stage: Stage) -> u32 {
         match stage {
             Stage::Output => self.output.max(BLEND_PIXELS),
             Stage::Decoder(i) => self.decoder[(i as usize).min(self.decoder.len() - 1)],

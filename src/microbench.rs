@@ -1,15 +1,16 @@
 //! Runs a part of a network over and over on a device of our own.
 
-use super::{KernelRecord, Profiler};
-use crate::denoiser::Precision;
-use crate::engine::{Engine, wanted_arithmetic, wanted_storage};
+use crate::engine::{self, Engine};
 use crate::error::Result;
 use crate::frame::Extent;
 use crate::kernels::FrameArgs;
 use crate::net::graph::Graph;
 use crate::net::weights::Weights;
-use crate::pass::{Binding, FrameOptions, Pass};
-use crate::plan::{Plan, PlanOptions, plan_part};
+use crate::options::{FrameOptions, Options, Precision};
+use crate::pass::{Binding, Pass};
+use crate::plan::{Plan, plan_part};
+use crate::profile::{KernelRecord, Profiler};
+use crate::target::Target;
 use crate::vk::device::Device;
 use crate::vk::submit::{Submission, barrier};
 use ash::vk;
@@ -38,7 +39,7 @@ pub struct PartRunner {
 }
 
 impl PartRunner {
-    /// Plans `graph` for maps of `extent` tokens and puts it on the device. `options` chooses among lowerings; its limit on
+    /// Plans `graph` for maps of `extent` tokens and puts it on the device. `target` chooses among lowerings; its limit on
     /// memory is lowered to the device's own, and `precision`, as in [`crate::Options`], says how maps are stored and what computes.
     ///
     /// # Errors
@@ -48,18 +49,23 @@ impl PartRunner {
         graph: &Graph,
         weights: &Weights,
         extent: Extent,
-        options: &PlanOptions,
+        target: &Target,
         precision: Precision,
     ) -> Result<Self> {
-        let limit = Engine::max_block_bytes(device).min(options.max_block_bytes);
-        let (storage, arithmetic) = (wanted_storage(device, precision)?, wanted_arithmetic(device, precision)?);
-        let options = PlanOptions { max_block_bytes: limit, storage, arithmetic, ..*options };
-        let plan = plan_part(graph, extent, &options)?;
-        let engine = Arc::new(Engine::of_plan(device, graph.clone(), &plan, weights, options)?);
+        let own = engine::target(device, &Options { precision, ..Options::default() })?;
+        let target = Target {
+            kernels: own.kernels,
+            max_block_bytes: own.max_block_bytes.min(target.max_block_bytes),
+            storage: own.storage,
+            arithmetic: own.arithmetic,
+            ..*target
+        };
+        let plan = plan_part(graph, extent, &target)?;
+        let engine = Arc::new(Engine::of_plan(device, graph.clone(), &plan, weights, target)?);
         let pass = Pass::of_plan(&engine, plan)?;
         // SAFETY: no images.
-        let binding = unsafe { pass.bind(None, engine.variants(), FrameArgs::default()) }?;
-        let profiler = if device.has_timestamps() { Some(Profiler::new(&pass, 1)?) } else { None };
+        let binding = unsafe { pass.bind(None, engine.target.kernels, FrameArgs::default()) }?;
+        let profiler = if device.has_timestamps() { Some(pass.profiler(1)?) } else { None };
         let mut runner = Self { submission: Submission::new(device)?, profiler, binding, pass };
         runner.fill()?;
         runner.record()?;

@@ -1,0 +1,174 @@
+//! What a caller chooses: for a denoiser ([`Options`]) and for each frame ([`FrameOptions`]); and what comes back ([`Report`]).
+
+mod quiet;
+
+use crate::error::{Error, Result};
+use crate::frame::Region;
+use crate::kernels::frame_io::Fireflies;
+use crate::net::Folds;
+use crate::renderer::BufferAddress;
+use crate::target::{ConvAlgorithm, SeparableForm};
+use std::fmt;
+use std::str::FromStr;
+
+pub use quiet::{Quiet, QuietMargins, QuietMode};
+
+/// Arithmetic and storage of the network.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum Precision {
+    /// The best for the device.
+    #[default]
+    Auto,
+    /// 32-bit floats throughout.
+    F32,
+    /// Feature maps stored as halves, for half of the memory; arithmetic, log colour and residual are 32-bit floats.
+    F16,
+    /// Feature maps stored as halves, and what is dense on cooperative matrices ([`Device::has_matrices`]): products of halves,
+    /// summed in 32-bit floats, as are all other operations. What GPUs with matrices take by themselves.
+    Matrix,
+}
+
+impl FromStr for Precision {
+    type Err = Error;
+
+    /// `auto`, `fp32`, `fp16` or `matrix`.
+    fn from_str(text: &str) -> Result<Self> {
+        match text {
+            "auto" => Ok(Self::Auto),
+            "fp32" => Ok(Self::F32),
+            "fp16" => Ok(Self::F16),
+            "matrix" => Ok(Self::Matrix),
+            other => Err(Error::InvalidOption {
+                option: "precision",
+                reason: format!("'{other}'; it can be auto, fp32, fp16 or matrix"),
+            }),
+        }
+    }
+}
+
+impl fmt::Display for Precision {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(match self {
+            Self::Auto => "auto",
+            Self::F32 => "fp32",
+            Self::F16 => "fp16",
+            Self::Matrix => "matrix",
+        })
+    }
+}
+
+/// The factor on the colour before the network's logarithm; undone at the end.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub enum Exposure {
+    /// From the frame itself: 0.18 over its key ([`crate::kernels::stats`]).
+    #[default]
+    Auto,
+    /// Given by the caller, a normal number above 0. One factor for all frames of a sequence keeps them from flickering:
+    /// take [`Report::exposure`] of the first.
+    Fixed(f32),
+    /// From a 32-bit float in a renderer's buffer, read when the recorded commands run: for an exposure that the GPU
+    /// itself adapts. Where it is no normal number above 0, the frame's own. Not for the host path.
+    Buffer(BufferAddress),
+}
+
+/// How a denoiser works.
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Options {
+    /// Arithmetic and storage.
+    pub precision: Precision,
+    /// Exposure of the host path.
+    pub exposure: Exposure,
+    /// Share of the noisy colour in the host path's result, 0 (all denoised) to 1 (all noisy).
+    pub blend: f32,
+    /// What the host path does with fireflies.
+    pub fireflies: Fireflies,
+    /// Which of the network's operations are folded into others: the same result but for rounding, for less work. `None`:
+    /// those that pay on the device.
+    pub folds: Option<Folds>,
+    /// How dense 3x3 convolutions are computed; `None`: as suits the device.
+    pub conv: Option<ConvAlgorithm>,
+    /// How separable convolutions are; `None`: as suits the device.
+    pub separable: Option<SeparableForm>,
+    /// Most device memory that a frame may take (arena, weights and, in the host path, staging), in bytes; a frame that needs
+    /// more is refused before anything is allocated for it. `None`: what the device has.
+    pub memory_budget: Option<u64>,
+    /// Bytes that a map between kernels that follow each other may take; where it would take more, they run band by band of
+    /// the frame, which takes less memory and a little more work. The bits stay the same. `None`:
+    /// [`crate::target::max_chain_bytes`].
+    pub max_chain_bytes: Option<u64>,
+    /// Whether what depends on albedo, normal and depth alone is kept between frames, for a camera that stands still:
+    /// [`FrameOptions::features_unchanged`], [`Denoiser::set_features_unchanged`]. It costs device memory.
+    pub keep_features: bool,
+    /// What is left out as it needs no denoising; `None`: nothing.
+    pub quiet: Option<Quiet>,
+}
+
+/// What one call of the host path did.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct Report {
+    /// The factor on the colour that was used.
+    pub exposure: f32,
+    /// Milliseconds of the device, by timestamps around the pass; `None` where its queue has none.
+    pub gpu_ms: Option<f64>,
+    /// Milliseconds of the whole call on the host: copies, device, wait. The first call of a size also plans, allocates
+    /// and compiles.
+    pub total_ms: f64,
+    /// Share of the FLOPs of the whole frame's pass that were computed: 1, or less with [`Denoiser::set_region`],
+    /// [`Denoiser::set_features_unchanged`] and [`Options::quiet`].
+    pub work: f64,
+    /// Device memory of arena, weights and staging, in bytes.
+    pub device_bytes: u64,
+}
+
+/// What may change from frame to frame.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FrameOptions {
+    /// The factor on the colour.
+    pub exposure: Exposure,
+    /// Share of the noisy colour in the result, 0 (all denoised) to 1 (all noisy).
+    pub blend: f32,
+    /// What is done with fireflies.
+    pub fireflies: Fireflies,
+    /// Where the recorded commands write a [`FrameStatistics`](FrameStatistics).
+    pub statistics: Option<BufferAddress>,
+    /// The pixels that are wanted; `None`: all. Only what they depend on is computed and only they are written, with the
+    /// bits that they have in the whole frame.
+    pub region: Option<Region>,
+    /// Whether albedo, normal and depth are those of the last recording of the pass that ran without this. What depends on
+    /// them alone is not computed again and they are not read; the result has the same bits. For denoisers made with
+    /// [`Options::keep_features`].
+    ///
+    /// Where they are not the same, the result belongs to no frame.
+    pub features_unchanged: bool,
+}
+
+impl Default for FrameOptions {
+    fn default() -> Self {
+        Self {
+            exposure: Exposure::Auto,
+            blend: 0.0,
+            fireflies: Fireflies::Auto,
+            statistics: None,
+            region: None,
+            features_unchanged: false,
+        }
+    }
+}
+
+impl FrameOptions {
+    pub(crate) fn check(&self) -> Result<()> {
+        if !(0.0..=1.0).contains(&self.blend) {
+            let reason = format!("{}; it must be in [0, 1]", self.blend);
+            return Err(Error::InvalidOption { option: "blend", reason });
+        }
+        self.statistics.map_or(Ok(()), |place| place.check("statistics"))?;
+        match self.exposure {
+            Exposure::Buffer(place) => place.check("exposure"),
+            Exposure::Fixed(factor) if !(factor.is_normal() && factor > 0.0) => Err(Error::InvalidOption {
+                option: "exposure",
+                reason: format!("{factor}; a fixed exposure must be a normal number above 0"),
+            }),
+            _ => Ok(()),
+        }
+    }
+}

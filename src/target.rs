@@ -1,0 +1,205 @@
+//! What a plan is made for: everything that the device and the caller's options decide, decided once.
+
+use crate::kernels::contract::Need;
+use crate::kernels::dense::TILE_CHANNELS;
+use crate::kernels::winograd::WinogradTile;
+use crate::kernels::{Arithmetic, KernelTarget, Storage};
+use crate::net::Folds;
+use crate::options::{Options, Precision, QuietMode};
+use crate::vk::caps::{Caps, DeviceKind, TEXEL_BYTES};
+
+/// Largest block of an arena, whatever the device allows: beyond it some drivers' allocations grow unreliable.
+const MAX_BLOCK_BYTES: u64 = 4 << 30;
+
+/// What a device and the caller's options make of a network: how it is stored, computed and cut. Pure data; a plan for
+/// another device than the one at hand needs no more.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct Target {
+    /// What kernels are chosen by, beside their arguments.
+    pub kernels: KernelTarget,
+    /// Largest block of the arena in bytes.
+    pub max_block_bytes: u64,
+    /// Gives every buffer a place of its own, so that all can be looked at after a run.
+    pub keep_all: bool,
+    /// Gives what depends on albedo, normal and depth alone, and is read by the rest, a place of its own: it can be used for
+    /// the next frame.
+    pub keep_features: bool,
+    /// How quiet tiles are left out; `None`: none are.
+    pub quiet: Option<QuietMode>,
+    /// Which operations are folded into others before anything else is chosen.
+    pub folds: Folds,
+    /// How dense 3x3 convolutions are computed.
+    pub conv: ConvAlgorithm,
+    /// How depthwise and pointwise convolutions that belong together are.
+    pub separable: SeparableForm,
+    /// How feature maps are stored. Log colour and residual are 32-bit floats always.
+    pub storage: Storage,
+    /// What dense kernels compute with, where one on matrices takes their maps: those of halves.
+    pub arithmetic: Arithmetic,
+    /// Bytes that a map between consecutive operations may take; where it would take more, they run band by band of the frame.
+    /// Not where quiet tiles are left out.
+    pub max_chain_bytes: u64,
+}
+
+/// [`Target::max_chain_bytes`] where nothing is said. Smaller bands compute more twice, larger ones take more memory: 32-bit
+/// floats leave room in 2 GiB for a frame of 3840x2160, halves just fit 1 GiB. On matrices, whose kernels are short, each more
+/// dispatch counts.
+pub const fn max_chain_bytes(storage: Storage, arithmetic: Arithmetic) -> u64 {
+    match (storage, arithmetic) {
+        (Storage::F32, _) => 128 << 20,
+        (Storage::F16, Arithmetic::Floats) => 24 << 20,
+        (Storage::F16, Arithmetic::Matrices) => 96 << 20,
+    }
+}
+
+impl Default for Target {
+    /// No limit on memory, buffers share it; every fold that pays everywhere; direct convolutions, two kernels.
+    fn default() -> Self {
+        Self {
+            kernels: KernelTarget::default(),
+            max_block_bytes: u64::MAX,
+            keep_all: false,
+            keep_features: false,
+            quiet: None,
+            folds: Folds::EVERYWHERE,
+            conv: ConvAlgorithm::default(),
+            separable: SeparableForm::default(),
+            storage: Storage::F32,
+            arithmetic: Arithmetic::Floats,
+            max_chain_bytes: max_chain_bytes(Storage::F32, Arithmetic::Floats),
+        }
+    }
+}
+
+impl Target {
+    /// The forms and folds that suit a GPU, as far as GPUs were measured (`docs/performance.md`).
+    pub fn for_gpu(storage: Storage, arithmetic: Arithmetic) -> Self {
+        let (folds, separable) = match arithmetic {
+            // A workgroup stages a token's channels once for all of its outputs.
+            Arithmetic::Matrices => (Folds::ALL, SeparableForm::Fused),
+            // No kernel holds all channels of a token, and a norm would be found anew for every 32 outputs.
+            Arithmetic::Floats => (Folds::EVERYWHERE, SeparableForm::TwoKernels),
+        };
+        let max_chain_bytes = max_chain_bytes(storage, arithmetic);
+        Self { folds, separable, storage, arithmetic, max_chain_bytes, ..Self::default() }
+    }
+}
+
+impl Target {
+    /// Of a device and options.
+    ///
+    /// # Errors
+    /// What the device lacks of what the options ask for.
+    pub fn new(caps: &Caps, options: &Options) -> Result<Self, Need> {
+        let (storage, arithmetic) = (storage(caps, options.precision)?, arithmetic(caps, options.precision)?);
+        let cpu = prefers_cpu_kernels(caps);
+        let suitable = Self::for_gpu(storage, arithmetic);
+        let suitable = match arithmetic {
+            Arithmetic::Floats if cpu => Self { separable: SeparableForm::Narrow, folds: Folds::ALL, ..suitable },
+            _ => suitable,
+        };
+        Ok(Self {
+            kernels: KernelTarget { cpu, ..KernelTarget::default() },
+            max_block_bytes: max_block_bytes(caps),
+            folds: options.folds.unwrap_or(suitable.folds),
+            conv: options.conv.unwrap_or(suitable.conv),
+            separable: options.separable.unwrap_or(suitable.separable),
+            max_chain_bytes: options.max_chain_bytes.unwrap_or(suitable.max_chain_bytes),
+            keep_features: options.keep_features,
+            quiet: options.quiet.map(|quiet| quiet.mode),
+            ..suitable
+        })
+    }
+
+    /// The precision that it is of, never [`Precision::Auto`].
+    pub fn precision(&self) -> Precision {
+        match (self.arithmetic, self.storage) {
+            (Arithmetic::Matrices, _) => Precision::Matrix,
+            (Arithmetic::Floats, Storage::F32) => Precision::F32,
+            (Arithmetic::Floats, Storage::F16) => Precision::F16,
+        }
+    }
+}
+
+/// Largest block of an arena on a device.
+pub(crate) fn max_block_bytes(caps: &Caps) -> u64 {
+    // A kernel that reads a map as texels must reach all of it: four halves each, at the least.
+    let texels = if prefers_cpu_kernels(caps) { u64::from(caps.max_texels) * TEXEL_BYTES / 2 } else { u64::MAX };
+    caps.max_buffer_bytes.min(MAX_BLOCK_BYTES).min(texels)
+}
+
+/// On CPU drivers a load costs more than the arithmetic it feeds (measured on lavapipe).
+pub(crate) fn prefers_cpu_kernels(caps: &Caps) -> bool {
+    caps.kind == DeviceKind::Cpu && caps.meets(Need::CpuDriver)
+}
+
+/// How feature maps are to be stored.
+fn storage(caps: &Caps, precision: Precision) -> Result<Storage, Need> {
+    let has_halves = caps.meets(Need::Storage16);
+    match precision {
+        Precision::F32 => Ok(Storage::F32),
+        // Devices have no matrices without.
+        Precision::Matrix => Ok(Storage::F16),
+        Precision::F16 if has_halves => Ok(Storage::F16),
+        Precision::F16 => Err(Need::Storage16),
+        // A CPU would gain time too (docs/performance.md), and stays exact instead.
+        Precision::Auto => Ok(if caps.kind != DeviceKind::Cpu && has_halves { Storage::F16 } else { Storage::F32 }),
+    }
+}
+
+/// What dense kernels are to compute with.
+fn arithmetic(caps: &Caps, precision: Precision) -> Result<Arithmetic, Need> {
+    let has_matrices = caps.meets(Need::Matrix);
+    match precision {
+        Precision::F32 | Precision::F16 => Ok(Arithmetic::Floats),
+        Precision::Matrix if has_matrices => Ok(Arithmetic::Matrices),
+        Precision::Matrix => Err(Need::Matrix),
+        // On a CPU they only take longer.
+        Precision::Auto if has_matrices && caps.kind != DeviceKind::Cpu => Ok(Arithmetic::Matrices),
+        Precision::Auto => Ok(Arithmetic::Floats),
+    }
+}
+
+/// How dense 3x3 convolutions of stride 1 to more than four channels are computed. Others are direct.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum ConvAlgorithm {
+    /// By the definition.
+    #[default]
+    Direct,
+    /// By Winograd's minimal filtering.
+    Winograd(WinogradTile),
+}
+
+impl ConvAlgorithm {
+    /// The tile; `None`: direct.
+    pub(crate) fn tile(self) -> Option<WinogradTile> {
+        match self {
+            Self::Winograd(tile) => Some(tile),
+            Self::Direct => None,
+        }
+    }
+}
+
+/// How a depthwise convolution whose result only the next, pointwise convolution reads is computed.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum SeparableForm {
+    /// As two kernels, the result between them in memory.
+    #[default]
+    TwoKernels,
+    /// As one.
+    Fused,
+    /// As one where a workgroup computes all outputs of the pointwise one, as elsewhere each group of them would compute the
+    /// depthwise one anew, and the pointwise one has more inputs than outputs.
+    Narrow,
+}
+
+impl SeparableForm {
+    /// Whether a pointwise convolution of so many inputs and outputs is one kernel with the depthwise one before it.
+    pub(crate) fn fuses(self, inputs: u32, outputs: u32) -> bool {
+        match self {
+            Self::TwoKernels => false,
+            Self::Fused => true,
+            Self::Narrow => outputs <= TILE_CHANNELS && outputs < inputs,
+        }
+    }
+}
