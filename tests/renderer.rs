@@ -241,7 +241,7 @@ fn what_does_not_fit_is_refused_before_recording() {
     let beyond = BufferFrame { depth: Some(plane(&buffer, 3 * EXTENT.pixels() as usize, 1)), ..frame };
     assert!(matches!(bind(&beyond), Err(Error::PlaneMismatch { plane: "depth", .. })));
 
-    let other = denoiser.pass(Extent::new(8, 8)).unwrap();
+    let (other, twin) = (denoiser.pass(Extent::new(8, 8)).unwrap(), denoiser.pass(EXTENT).unwrap());
     let binding = bind(&frame).unwrap();
     renderer.record_only(|commands| {
         let record = |options: &FrameOptions, pass: &vkdenoise::Pass| {
@@ -249,6 +249,8 @@ fn what_does_not_fit_is_refused_before_recording() {
             unsafe { pass.record(commands, &binding, options) }
         };
         assert!(matches!(record(&FrameOptions::default(), &other), Err(Error::Binding(_))));
+        // Not even one of the same size: its arena lies elsewhere.
+        assert!(matches!(record(&FrameOptions::default(), &twin), Err(Error::Binding(_))));
         let options = FrameOptions { blend: 1.5, ..FrameOptions::default() };
         assert!(matches!(record(&options, &pass), Err(Error::InvalidOption { option: "blend", .. })));
     });
@@ -294,6 +296,6 @@ fn what_does_not_fit_is_refused_before_recording() {
     );
     assert!(matches!(result, Err(Error::Binding(_))));
     assert!(color.iter().all(|c| *c == 0.5));
-    drop((binding, other, pass, denoiser));
+    drop((binding, other, twin, pass, denoiser));
     renderer.assert_silent();
 }
