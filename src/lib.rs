@@ -77,10 +77,14 @@ pub mod target;
 pub mod testing;
 pub mod vk;
 
+/// Vulkan's types and functions, in the version that the library's signatures name.
+pub use ash;
 pub use cache::Cache;
 pub use denoiser::Denoiser;
 pub use error::{Error, Result};
 pub use frame::{Extent, Features, Frame, Layout, Noise, Plane, PlaneMut, Region, Samples, SamplesMut};
+/// 16-bit floats, in the version that [`Samples`] names.
+pub use half;
 pub use kernels::frame_io::Fireflies;
 pub use kernels::quiet::NoiseKind;
 pub use memory::MemoryRequired;
@@ -95,4 +99,5 @@ pub use renderer::{
 };
 pub use vk::caps::{DeviceInfo, DeviceKind, Requirements};
 pub use vk::device::{Device, DeviceOptions, RendererDevice};
+pub use vk::raw::{EnabledFeatures, RawDevice};
 pub use vk::selector::DeviceSelector;

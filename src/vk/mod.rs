@@ -8,6 +8,7 @@ pub mod matrix;
 pub mod memory;
 pub mod pipeline;
 pub mod pipeline_cache;
+pub mod raw;
 pub mod selector;
 pub mod statistics;
 pub mod submit;

@@ -1,10 +1,11 @@
 //! A renderer's own Vulkan: instance with validation, device, queue, buffers, images. Written with ash alone, as a
 //! renderer would.
 
+use ash::vk::Handle;
 use ash::{ext, khr, vk};
 use std::ffi::{CStr, c_void};
 use std::sync::Mutex;
-use vkdenoise::{Cache, Device, RendererDevice};
+use vkdenoise::{Cache, Device, EnabledFeatures, RawDevice, RendererDevice};
 
 pub struct Renderer {
     entry: ash::Entry,
@@ -154,6 +155,24 @@ impl Renderer {
                 .matrices
                 .then(|| khr::cooperative_matrix::Instance::new(&self.entry, &self.instance)),
             cache: Cache::Off,
+        }
+    }
+
+    /// The same as numbers.
+    pub fn raw(&self) -> RawDevice {
+        RawDevice {
+            get_instance_proc_addr: self.entry.static_fn().get_instance_proc_addr as *const c_void,
+            instance: self.instance.handle().as_raw(),
+            physical_device: self.physical_device.as_raw(),
+            device: self.device.handle().as_raw(),
+            queue_family: self.queue_family,
+            enabled: EnabledFeatures {
+                storage_buffer_16bit: self.storage16,
+                shader_int64: self.int64,
+                subgroup_broadcast_dynamic_id: self.broadcast_dynamic_id,
+                host_query_reset: self.host_query_reset,
+                cooperative_matrix: self.matrices,
+            },
         }
     }
 
