@@ -1,7 +1,8 @@
-//! Compiles every kernel variant with shaderc and checks what the shader declares against its contract in
-//! `src/kernels/contracts.rs`.
+//! The kernels' SPIR-V: compiled here (feature `shaderc`), or taken from the folder `shaders`, which `tools/package` puts into the
+//! published crate. Both are the same files, in `OUT_DIR/shaders`.
 
 // The contracts are the library's own: both sides see the same tables.
+#[cfg(feature = "shaderc")]
 #[path = "src/kernels"]
 #[allow(dead_code, reason = "the build reads the contracts only")]
 mod kernels {
@@ -9,12 +10,18 @@ mod kernels {
     pub mod contracts;
     pub mod pushes;
 }
+#[cfg(feature = "shaderc")]
 #[path = "build/check.rs"]
 mod check;
+#[cfg(feature = "shaderc")]
+#[path = "build/compile.rs"]
+mod compile;
+#[path = "build/sources.rs"]
+mod sources;
+#[cfg(not(feature = "shaderc"))]
+#[path = "build/stored.rs"]
+mod stored;
 
-use kernels::contract::{Contract, Module, Sharing};
-use std::fmt::Write as _;
-use std::hash::{Hash, Hasher};
 use std::path::{Path, PathBuf};
 use std::{env, fs};
 
@@ -26,55 +33,26 @@ fn main() {
 }
 
 fn build() -> Result<(), String> {
-    println!("cargo::rerun-if-changed=glsl");
-    println!("cargo::rerun-if-changed=build");
-    println!("cargo::rerun-if-changed=src/kernels");
-    let out = PathBuf::from(env::var_os("OUT_DIR").ok_or("OUT_DIR is not set")?);
-    let compiler = shaderc::Compiler::new().map_err(|e| format!("no shader compiler: {e}"))?;
-    let mut modules = String::from("static MODULES: &[(&str, &[u32])] = &[\n");
-    let mut hash = std::hash::DefaultHasher::new();
-    for contract in kernels::contracts::ALL {
-        let mut forms = Sharing::ALL.map(|sharing| contract.module(sharing)).to_vec();
-        forms.dedup_by(|a, b| a.name == b.name);
-        for module in &forms {
-            // The optimiser strips the names that the check compares.
-            check::check(contract, &compile(&compiler, contract, module, shaderc::OptimizationLevel::Zero)?)?;
-            let words = compile(&compiler, contract, module, shaderc::OptimizationLevel::Performance)?;
-            (&module.name, &words).hash(&mut hash);
-            let file = out.join(format!("{}.in", module.name));
-            fs::write(&file, format!("{words:?}")).map_err(|e| format!("{}: {e}", file.display()))?;
-            writeln!(modules, "    ({:?}, &include!({:?})),", module.name, file.display())
-                .map_err(|e| e.to_string())?;
-        }
+    for path in sources::PATHS {
+        println!("cargo::rerun-if-changed={path}");
     }
-    writeln!(modules, "];\n/// Changes with any of the modules.\npub const HASH: u64 = {};", hash.finish())
-        .map_err(|e| e.to_string())?;
-    fs::write(out.join("spirv.rs"), modules).map_err(|e| e.to_string())
+    let out = PathBuf::from(env::var_os("OUT_DIR").ok_or("OUT_DIR is not set")?).join("shaders");
+    // Nothing of an earlier build stays.
+    match fs::remove_dir_all(&out) {
+        Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
+            return Err(format!("{}: {error}", out.display()));
+        }
+        _ => {}
+    }
+    fs::create_dir_all(&out).map_err(|e| format!("{}: {e}", out.display()))?;
+    let hash = sources::hash()?;
+    #[cfg(feature = "shaderc")]
+    compile::compile(&out)?;
+    #[cfg(not(feature = "shaderc"))]
+    stored::copy(Path::new(stored::FOLDER), hash, &out)?;
+    write(&out.join(sources::STAMP), &format!("{hash:016x}\n"))
 }
 
-/// SPIR-V 1.5 of one module of a variant.
-fn compile(
-    compiler: &shaderc::Compiler,
-    contract: &Contract,
-    module: &Module,
-    level: shaderc::OptimizationLevel,
-) -> Result<Vec<u32>, String> {
-    let path = Path::new("glsl").join(contract.source);
-    let source = fs::read_to_string(&path).map_err(|e| format!("{}: {e}", path.display()))?;
-    let mut options = shaderc::CompileOptions::new().map_err(|e| e.to_string())?;
-    options.set_target_env(shaderc::TargetEnv::Vulkan, shaderc::EnvVersion::Vulkan1_2 as u32);
-    options.set_optimization_level(level);
-    options.set_warnings_as_errors();
-    for (name, value) in &module.defines {
-        options.add_macro_definition(name, Some(value));
-    }
-    options.set_include_callback(|wanted, _, _, _| {
-        let file = Path::new("glsl").join(wanted);
-        let content = fs::read_to_string(&file).map_err(|e| format!("{}: {e}", file.display()))?;
-        Ok(shaderc::ResolvedInclude { resolved_name: file.display().to_string(), content })
-    });
-    compiler
-        .compile_into_spirv(&source, shaderc::ShaderKind::Compute, &path.display().to_string(), "main", Some(&options))
-        .map(|artifact| artifact.as_binary().to_vec())
-        .map_err(|e| format!("variant {}: {e}", module.name))
+fn write(file: &Path, text: &str) -> Result<(), String> {
+    fs::write(file, text).map_err(|e| format!("{}: {e}", file.display()))
 }

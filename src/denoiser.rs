@@ -67,6 +67,17 @@ impl Denoiser {
         Ok(())
     }
 
+    /// Sets the share of the noisy colour in the host path's result, 0 (all denoised) to 1 (all noisy).
+    ///
+    /// # Errors
+    /// [`Error::InvalidOption`]; the share then stays as it was.
+    pub fn set_blend(&mut self, blend: f32) -> Result<()> {
+        let options = FrameOptions { blend, ..self.options };
+        check_host(&options)?;
+        self.options = options;
+        Ok(())
+    }
+
     /// Sets what the host path does with fireflies.
     pub fn set_fireflies(&mut self, fireflies: Fireflies) {
         self.options.fireflies = fireflies;

@@ -1,7 +1,6 @@
 //! The command line tool from outside: what it writes, what it says, how it fails.
 //!
 //! Runs that need a device are few, as each opens one; the failures are made to happen without any driver.
-#![cfg(feature = "cli")]
 
 /// One argument list from literals and paths.
 macro_rules! arguments {

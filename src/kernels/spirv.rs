@@ -2,7 +2,7 @@
 
 use super::contract::Module;
 
-include!(concat!(env!("OUT_DIR"), "/spirv.rs"));
+include!(concat!(env!("OUT_DIR"), "/shaders/spirv.rs"));
 
 /// The SPIR-V of a module. Every [`super::contract::Contract::module`] of [`super::contracts::ALL`] has one; of another it is
 /// empty.

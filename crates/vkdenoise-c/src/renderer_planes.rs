@@ -1,0 +1,220 @@
+//! A frame in a renderer's buffers or images.
+
+use crate::descriptor::{self, descriptor, reserved};
+use crate::host::NoiseKind;
+use crate::layout::{SampleFormat, Strides, place};
+use crate::status::Failure;
+use vkdenoise::ash::vk::{self, Handle};
+use vkdenoise::{Error, Extent, ImageFormat, Noise};
+
+/// A plane in a VkBuffer: three channels (colour, albedo, normal, output) or one (depth, noise).
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct BufferPlane {
+    /// sizeof(vkdenoise_buffer_plane).
+    pub struct_size: usize,
+    /// The VkBuffer, made with VK_BUFFER_USAGE_SHADER_DEVICE_ADDRESS_BIT and VK_BUFFER_USAGE_STORAGE_BUFFER_BIT, bound to memory.
+    pub buffer: u64,
+    /// Its size in bytes.
+    pub size: u64,
+    /// Bytes from its start to the first channel of the top left pixel.
+    pub offset: u64,
+    /// Bytes from a pixel to its right neighbour; 0: the plane's channels, packed.
+    pub pixel_stride: u64,
+    /// Bytes from a pixel to the one below; 0: rows packed.
+    pub row_stride: u64,
+    /// Bytes from a channel to the next of the same pixel; 0: a sample.
+    pub channel_stride: u64,
+    /// A vkdenoise_sample_format. Writing halves needs VKDENOISE_FEATURE_STORAGE16.
+    pub format: u32,
+    /// Must be 0.
+    pub reserved: u32,
+}
+descriptor!(BufferPlane, "vkdenoise_buffer_plane", reserved: u32);
+
+/// A frame in a renderer's buffers. Every plane but colour and output may be NULL; output and colour may be the same.
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct BufferFrame {
+    /// sizeof(vkdenoise_buffer_frame).
+    pub struct_size: usize,
+    /// Noisy colour: linear radiance.
+    pub color: *const BufferPlane,
+    /// Albedo in [0, 1].
+    pub albedo: *const BufferPlane,
+    /// Shading normal in [-1, 1], in world or camera space.
+    pub normal: *const BufferPlane,
+    /// Depth; larger is farther.
+    pub depth: *const BufferPlane,
+    /// The colour's noise.
+    pub noise: *const BufferPlane,
+    /// Where the denoised colour goes.
+    pub output: *const BufferPlane,
+    /// A vkdenoise_noise_kind.
+    pub noise_kind: u32,
+    /// Must be 0.
+    pub reserved: u32,
+}
+descriptor!(BufferFrame, "vkdenoise_buffer_frame", reserved: u32);
+
+/// A two-dimensional image.
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct ImagePlane {
+    /// sizeof(vkdenoise_image_plane).
+    pub struct_size: usize,
+    /// A VkImageView of one 2D level. Inputs need VK_IMAGE_USAGE_SAMPLED_BIT, the output VK_IMAGE_USAGE_STORAGE_BIT.
+    pub view: u64,
+    /// Its VkFormat: VK_FORMAT_R16G16B16A16_SFLOAT or VK_FORMAT_R32G32B32A32_SFLOAT; depth and noise: VK_FORMAT_R32_SFLOAT.
+    pub format: u32,
+    /// The VkImageLayout that it is in when the commands run: VK_IMAGE_LAYOUT_GENERAL, or for inputs
+    /// VK_IMAGE_LAYOUT_SHADER_READ_ONLY_OPTIMAL.
+    pub layout: u32,
+    /// Its pixels in x.
+    pub width: u32,
+    /// Its pixels in y.
+    pub height: u32,
+}
+descriptor!(ImagePlane, "vkdenoise_image_plane", height: u32);
+
+/// A frame in a renderer's images. Every plane but colour and output may be NULL; output and colour must be two images. The
+/// output's alpha becomes the colour's.
+#[repr(C)]
+#[derive(Clone, Copy)]
+pub struct ImageFrame {
+    /// sizeof(vkdenoise_image_frame).
+    pub struct_size: usize,
+    /// Noisy colour: linear radiance.
+    pub color: *const ImagePlane,
+    /// Albedo in [0, 1].
+    pub albedo: *const ImagePlane,
+    /// Shading normal in [-1, 1], in world or camera space.
+    pub normal: *const ImagePlane,
+    /// Depth; larger is farther.
+    pub depth: *const ImagePlane,
+    /// The colour's noise.
+    pub noise: *const ImagePlane,
+    /// Where the denoised colour goes.
+    pub output: *const ImagePlane,
+    /// A vkdenoise_noise_kind.
+    pub noise_kind: u32,
+    /// Must be 0.
+    pub reserved: u32,
+}
+descriptor!(ImageFrame, "vkdenoise_image_frame", reserved: u32);
+
+/// A plane that a frame cannot do without.
+fn needed<P>(plane: Option<P>, name: &str) -> Result<P, Failure> {
+    plane.ok_or_else(|| Failure::argument(format!("the {name} plane is NULL")))
+}
+
+/// # Safety
+/// The plane is as its header says, or null.
+unsafe fn buffer(
+    plane: *const BufferPlane,
+    name: &'static str,
+    extent: Extent,
+    channels: u64,
+) -> Result<Option<vkdenoise::BufferPlane>, Failure> {
+    if plane.is_null() {
+        return Ok(None);
+    }
+    // SAFETY: as the caller's.
+    let plane = unsafe { descriptor::read(plane)? };
+    reserved::<BufferPlane>(plane.reserved)?;
+    if plane.buffer == 0 {
+        return Err(Failure::argument(format!("the buffer of the {name} plane is VK_NULL_HANDLE")));
+    }
+    let format = SampleFormat::from_c(plane.format, name)?;
+    let strides = Strides { pixel: plane.pixel_stride, row: plane.row_stride, channel: plane.channel_stride };
+    let placed = place(name, extent, channels, format, plane.offset, strides)?;
+    let reached = placed.reach * format.bytes();
+    if reached > plane.size {
+        let reason = format!("the frame reaches byte {reached} of the buffer, and it has {}", plane.size);
+        return Err(Error::PlaneMismatch { plane: name, reason }.into());
+    }
+    Ok(Some(vkdenoise::BufferPlane {
+        buffer: vk::Buffer::from_raw(plane.buffer),
+        size: plane.size,
+        format: match format {
+            SampleFormat::F32 => vkdenoise::SampleFormat::F32,
+            SampleFormat::F16 => vkdenoise::SampleFormat::F16,
+        },
+        layout: placed.layout,
+    }))
+}
+
+/// # Safety
+/// The plane is as its header says, or null.
+unsafe fn image(plane: *const ImagePlane, name: &'static str) -> Result<Option<vkdenoise::ImagePlane>, Failure> {
+    if plane.is_null() {
+        return Ok(None);
+    }
+    // SAFETY: as the caller's.
+    let plane = unsafe { descriptor::read(plane)? };
+    if plane.view == 0 {
+        return Err(Failure::argument(format!("the view of the {name} plane is VK_NULL_HANDLE")));
+    }
+    // Numbers beyond Vulkan's own i32 are no format and no layout.
+    let number = |value: u32| i32::try_from(value).unwrap_or(-1);
+    let format = match vk::Format::from_raw(number(plane.format)) {
+        vk::Format::R16G16B16A16_SFLOAT => ImageFormat::Rgba16F,
+        vk::Format::R32G32B32A32_SFLOAT => ImageFormat::Rgba32F,
+        vk::Format::R32_SFLOAT => ImageFormat::R32F,
+        other => {
+            return Err(Failure::argument(format!(
+                "the {name} image has the format {other:?}; it can be R16G16B16A16_SFLOAT, R32G32B32A32_SFLOAT or, for depth \
+                 and noise, R32_SFLOAT"
+            )));
+        }
+    };
+    Ok(Some(vkdenoise::ImagePlane {
+        view: vk::ImageView::from_raw(plane.view),
+        format,
+        extent: Extent::new(plane.width, plane.height),
+        layout: vk::ImageLayout::from_raw(number(plane.layout)),
+    }))
+}
+
+fn noise<P>(plane: Option<P>, kind: u32) -> Result<Option<Noise<P>>, Failure> {
+    let kind = NoiseKind::from_c(kind)?;
+    Ok(plane.map(|plane| Noise { plane, kind }))
+}
+
+/// # Safety
+/// The frame is as its header says, or null.
+pub unsafe fn buffer_frame(frame: *const BufferFrame, extent: Extent) -> Result<vkdenoise::BufferFrame, Failure> {
+    // SAFETY: as the caller's; the same below.
+    let frame = unsafe { descriptor::read(frame)? };
+    reserved::<BufferFrame>(frame.reserved)?;
+    // SAFETY: as above.
+    unsafe {
+        Ok(vkdenoise::BufferFrame {
+            color: needed(buffer(frame.color, "colour", extent, 3)?, "colour")?,
+            albedo: buffer(frame.albedo, "albedo", extent, 3)?,
+            normal: buffer(frame.normal, "normal", extent, 3)?,
+            depth: buffer(frame.depth, "depth", extent, 1)?,
+            noise: noise(buffer(frame.noise, "noise", extent, 1)?, frame.noise_kind)?,
+            output: needed(buffer(frame.output, "output", extent, 3)?, "output")?,
+        })
+    }
+}
+
+/// # Safety
+/// The frame is as its header says, or null.
+pub unsafe fn image_frame(frame: *const ImageFrame) -> Result<vkdenoise::ImageFrame, Failure> {
+    // SAFETY: as the caller's; the same below.
+    let frame = unsafe { descriptor::read(frame)? };
+    reserved::<ImageFrame>(frame.reserved)?;
+    // SAFETY: as above.
+    unsafe {
+        Ok(vkdenoise::ImageFrame {
+            color: needed(image(frame.color, "colour")?, "colour")?,
+            albedo: image(frame.albedo, "albedo")?,
+            normal: image(frame.normal, "normal")?,
+            depth: image(frame.depth, "depth")?,
+            noise: noise(image(frame.noise, "noise")?, frame.noise_kind)?,
+            output: needed(image(frame.output, "output")?, "output")?,
+        })
+    }
+}
