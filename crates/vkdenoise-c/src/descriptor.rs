@@ -31,8 +31,14 @@ macro_rules! descriptor {
 }
 pub(crate) use descriptor;
 
-/// The size that a descriptor says it has, checked.
-unsafe fn size_of_caller<T: Descriptor>(pointer: *const T) -> Result<usize, Failure> {
+/// The size that a descriptor says it has.
+///
+/// # Errors
+/// Where it is null, misaligned or of a size that no release gave it.
+///
+/// # Safety
+/// `pointer` is null or points to a descriptor.
+pub unsafe fn size_of_caller<T: Descriptor>(pointer: *const T) -> Result<usize, Failure> {
     if pointer.is_null() {
         return Err(Failure::argument(format!("a {} is NULL", T::NAME)));
     }

@@ -305,7 +305,7 @@ pub unsafe extern "C" fn vkdenoise_denoise(
         }
         if !report.is_null() {
             // SAFETY: as above. A report of a wrong size is refused before the work.
-            unsafe { descriptor::read(report.cast_const())? };
+            unsafe { descriptor::size_of_caller(report.cast_const())? };
         }
         let extent = Extent::new(frame.width, frame.height);
         extent.check()?;

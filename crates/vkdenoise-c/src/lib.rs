@@ -3,6 +3,7 @@
 //! Every function runs behind [`status::guard`]: no panic leaves the library. Descriptors begin with their size
 //! ([`descriptor`]), so that they can grow while programs built against older headers go on working.
 
+mod abi_version;
 mod choice;
 mod denoiser;
 mod descriptor;
@@ -15,11 +16,8 @@ mod pass;
 mod renderer_planes;
 mod status;
 
+use abi_version::VKDENOISE_ABI_VERSION;
 use std::ffi::c_char;
-
-/// The version of this interface. It changes when a program that was built against an older header would no longer run: a
-/// function that went away, a field that moved. What is added does not change it.
-pub const VKDENOISE_ABI_VERSION: u32 = 1;
 
 /// The interface's version of the library that runs. A program that loads the library itself compares it with the
 /// VKDENOISE_ABI_VERSION that it was built with.
