@@ -88,7 +88,7 @@ pub use half;
 pub use kernels::frame_io::Fireflies;
 pub use kernels::quiet::NoiseKind;
 pub use memory::MemoryRequired;
-pub use net::weights::Weights;
+pub use net::weights::{Weights, WeightsError};
 pub use options::{Exposure, FrameOptions, Options, Precision, Quiet, QuietMargins, QuietMode, Report};
 pub use pass::{Binding, Pass};
 pub use plan::active::{ActiveTiles, Part};

@@ -2,41 +2,38 @@
 
 use crate::error::{Error, Result};
 use crate::kernels::contract::Need;
-use crate::net::weights::Weights;
+use crate::net::weights::{Weights, WeightsError};
 use crate::options::{Precision, Quiet, QuietMode};
 use crate::vk::caps::DeviceKind;
 use crate::vk::device::Device;
 use std::fmt;
 use std::str::FromStr;
 
-static HYBRID: &[u8] = include_bytes!("../weights/hybrid.safetensors");
-static HYBRID_KERNELS: &[u8] = include_bytes!("../weights/hybrid_kernels.safetensors");
-static EXPANDED_PATCH: &[u8] = include_bytes!("../weights/expanded_patch.safetensors");
+#[cfg(feature = "weights")]
+const HYBRID: Option<&[u8]> = Some(vkdenoise_weights_hybrid::WEIGHTS);
+#[cfg(feature = "weights")]
+const HYBRID_KERNELS: Option<&[u8]> = Some(vkdenoise_weights_hybrid_kernels::WEIGHTS);
+#[cfg(not(feature = "weights"))]
+const HYBRID: Option<&[u8]> = None;
+#[cfg(not(feature = "weights"))]
+const HYBRID_KERNELS: Option<&[u8]> = None;
 
 impl Weights {
     /// The trained Hybrid, embedded in the library.
     ///
     /// # Errors
-    /// None in a sound build.
+    /// [`WeightsError::NotBuiltIn`] without the feature `weights`.
     pub fn hybrid() -> Result<Self> {
-        Ok(Self::from_bytes(HYBRID)?)
+        Ok(Self::from_bytes(HYBRID.ok_or(WeightsError::NotBuiltIn)?)?)
     }
 
     /// The trained Hybrid that predicts kernels, embedded in the library: every pixel of its result is an average of pixels of the
     /// frame, of five sizes of neighbourhood, so that flat frames stay flat and texture stays sharp.
     ///
     /// # Errors
-    /// None in a sound build.
+    /// [`WeightsError::NotBuiltIn`] without the feature `weights`.
     pub fn hybrid_kernels() -> Result<Self> {
-        Ok(Self::from_bytes(HYBRID_KERNELS)?)
-    }
-
-    /// The trained +Expanded Patch, embedded in the library: full joint attention in every block.
-    ///
-    /// # Errors
-    /// None in a sound build.
-    pub fn expanded_patch() -> Result<Self> {
-        Ok(Self::from_bytes(EXPANDED_PATCH)?)
+        Ok(Self::from_bytes(HYBRID_KERNELS.ok_or(WeightsError::NotBuiltIn)?)?)
     }
 }
 
@@ -60,7 +57,7 @@ impl Quality {
     /// Its network.
     ///
     /// # Errors
-    /// None in a sound build.
+    /// [`WeightsError::NotBuiltIn`] without the feature `weights`.
     pub fn weights(self) -> Result<Weights> {
         match self {
             Self::Fast | Self::Balanced => Weights::hybrid(),

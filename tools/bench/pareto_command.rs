@@ -152,8 +152,11 @@ fn tiers(device: &Device, wanted: &[String]) -> Result<Vec<Tier>> {
     Ok(all.into_iter().filter(|tier| wanted.is_empty() || wanted.iter().any(|name| name == tier.name)).collect())
 }
 
+/// The trained +Expanded Patch: full joint attention in every block.
+const EXPANDED_PATCH: &[u8] = include_bytes!("../../weights/expanded_patch.safetensors");
+
 fn networks(specs: &[NetworkSpec]) -> Result<Vec<Network>> {
-    let shipped = [Weights::hybrid()?, Weights::expanded_patch()?]
+    let shipped = [Weights::hybrid()?, Weights::from_bytes(EXPANDED_PATCH)?]
         .map(|weights| Network { name: weights.arch().name.clone(), weights });
     if specs.is_empty() {
         return Ok(shipped.into());
