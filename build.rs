@@ -1,5 +1,5 @@
-//! The kernels' SPIR-V: compiled here (feature `shaderc`), or taken from the folder `shaders`, which `tools/package` puts into the
-//! published crate. Both are the same files, in `OUT_DIR/shaders`.
+//! The kernels' SPIR-V: compiled here (feature `shaderc`), or taken from the folder `shaders`, which `tools/package`
+//! puts into the published crate. Both are the same files, in `OUT_DIR/shaders`.
 
 // The contracts are the library's own: both sides see the same tables.
 #[cfg(feature = "shaderc")]

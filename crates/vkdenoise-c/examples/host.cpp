@@ -1,5 +1,5 @@
-// The host path in C++: objects destroy themselves and errors are thrown. A noisy step between two greys is denoised, as a
-// whole and then a region of it, which has the same bits.
+// The host path in C++: objects destroy themselves and errors are thrown. A noisy step between two greys is denoised,
+// as a whole and then a region of it, which has the same bits.
 
 #include <cmath>
 #include <cstdio>

@@ -1,5 +1,5 @@
-// A small renderer's own Vulkan for the examples: instance, validation layer, device, queue, buffers, submissions. Nothing here is of
-// vkdenoise but the features that are enabled. What fails ends the program.
+// A small renderer's own Vulkan for the examples: instance, validation layer, device, queue, buffers, submissions.
+// Nothing here is of vkdenoise but the features that are enabled. What fails ends the program.
 
 #ifndef OWN_VULKAN_H
 #define OWN_VULKAN_H
@@ -150,7 +150,8 @@ static inline void own_vulkan_close(struct own_vulkan *own) {
   vkDestroyInstance(own->instance, NULL);
 }
 
-static inline VkDeviceMemory own_allocate(struct own_vulkan *own, VkMemoryRequirements needs, VkMemoryPropertyFlags wanted) {
+static inline VkDeviceMemory own_allocate(struct own_vulkan *own, VkMemoryRequirements needs,
+                                          VkMemoryPropertyFlags wanted) {
   VkPhysicalDeviceMemoryProperties memory;
   vkGetPhysicalDeviceMemoryProperties(own->physical_device, &memory);
   uint32_t type = 0;

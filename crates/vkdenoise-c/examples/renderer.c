@@ -1,5 +1,6 @@
-// A renderer in C: its own Vulkan device, the denoiser recorded into its command buffers, two frames in flight, the validation layer
-// listening. Each frame's input is filled by the GPU in the same command buffer (a copy stands for the renderer's passes).
+// A renderer in C: its own Vulkan device, the denoiser recorded into its command buffers, two frames in flight, the
+// validation layer listening. Each frame's input is filled by the GPU in the same command buffer (a copy stands for
+// the renderer's passes).
 
 #include <math.h>
 

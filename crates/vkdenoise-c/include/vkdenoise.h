@@ -1,14 +1,14 @@
 // vkdenoise: a Vulkan compute denoiser for Monte Carlo renders.
 //
-// Host path: open a device, create a denoiser on it, call vkdenoise_denoise for every frame.
-// Renderer's path: hand your device over (vkdenoise_device_from_renderer), create a denoiser and a pass for the frame's size, bind
-// buffers or images, record the pass into a command buffer every frame.
+// Host path: open a device, create a denoiser on it, call vkdenoise_denoise for every frame. Renderer's path: hand
+// your device over (vkdenoise_device_from_renderer), create a denoiser and a pass for the frame's size, bind buffers
+// or images, record the pass into a command buffer every frame.
 //
-// * Structs begin with struct_size, which the caller sets to sizeof the struct; all other fields may be 0. They grow in later
-//   releases, and programs built against this header go on working. VKDENOISE_INIT makes one: vkdenoise_options options =
-//   VKDENOISE_INIT(vkdenoise_options);
-// * Functions that can fail return a vkdenoise_status, and vkdenoise_last_error() says what was wrong. A failed call changes nothing
-//   of the caller's.
+// * Structs begin with struct_size, which the caller sets to sizeof the struct; all other fields may be 0. They grow
+//   in later releases, and programs built against this header go on working. VKDENOISE_INIT makes one:
+//   vkdenoise_options options = VKDENOISE_INIT(vkdenoise_options);
+// * Functions that can fail return a vkdenoise_status, and vkdenoise_last_error() says what was wrong. A failed call
+//   changes nothing of the caller's.
 // * Objects can be destroyed in any order: what is made from them keeps alive what it needs.
 // * Text is UTF-8 and ends with a zero.
 // * All objects can be used by several threads at once, but for the destroying of one.
@@ -21,7 +21,8 @@
 
 #include <stddef.h>
 #include <stdint.h>
-// Vulkan's own handles, as <vulkan/vulkan.h> declares them; it need not be included. VkBuffer and VkImageView are cast to uint64_t.
+// Vulkan's own handles, as <vulkan/vulkan.h> declares them; it need not be included. VkBuffer and VkImageView are
+// cast to uint64_t.
 struct VkInstance_T;
 struct VkPhysicalDevice_T;
 struct VkDevice_T;
@@ -35,12 +36,12 @@ struct VkCommandBuffer_T;
 #endif
 
 
-// The version of this interface. It changes when a program that was built against an older header would no longer run: a
-// function that went away, a field that moved. What is added does not change it.
+// The version of this interface. It changes when a program that was built against an older header would no longer
+// run: a function that went away, a field that moved. What is added does not change it.
 #define VKDENOISE_ABI_VERSION 1
 
-// How a call ended. Later releases may add values; what is not VKDENOISE_STATUS_OK is a failure, and vkdenoise_last_error() says
-// what was wrong.
+// How a call ended. Later releases may add values; what is not VKDENOISE_STATUS_OK is a failure, and
+// vkdenoise_last_error() says what was wrong.
 enum vkdenoise_status
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
   : uint32_t
@@ -165,7 +166,8 @@ enum vkdenoise_feature
   VKDENOISE_FEATURE_SUBGROUP_BROADCAST_DYNAMIC_ID = 4,
   // hostQueryReset. Nothing of this interface uses it so far.
   VKDENOISE_FEATURE_HOST_QUERY_RESET = 8,
-  // VK_KHR_cooperative_matrix, with all that vkdenoise_requirement names for it: GPUs then run several times as fast.
+  // VK_KHR_cooperative_matrix, with all that vkdenoise_requirement names for it: GPUs then run several times as
+  // fast.
   VKDENOISE_FEATURE_COOPERATIVE_MATRIX = 16,
 };
 #ifndef __cplusplus
@@ -272,8 +274,8 @@ typedef struct vkdenoise_device vkdenoise_device;
 // The Vulkan devices there are.
 typedef struct vkdenoise_device_list vkdenoise_device_list;
 
-// The denoiser for one frame size, with the memory of its feature maps. Frames in flight may share it as long as they are
-// submitted to one queue.
+// The denoiser for one frame size, with the memory of its feature maps. Frames in flight may share it as long as
+// they are submitted to one queue.
 typedef struct vkdenoise_pass vkdenoise_pass;
 
 // How a denoiser works. All zeros but struct_size: the defaults.
@@ -288,11 +290,11 @@ typedef struct vkdenoise_options {
   const char *weights_file;
   // Most bytes of device memory that a frame may take; 0: what the device has.
   uint64_t memory_budget;
-  // Squares of 16x16 pixels whose relative noise is no more than this keep their colour. 0: as the quality has it; below 0:
-  // every square is denoised.
+  // Squares of 16x16 pixels whose relative noise is no more than this keep their colour. 0: as the quality has it;
+  // below 0: every square is denoised.
   float skip_below;
-  // 1: what depends on albedo, normal and depth alone is kept between frames, for vkdenoise_frame_options.aux_unchanged. It costs
-  // device memory.
+  // 1: what depends on albedo, normal and depth alone is kept between frames, for
+  // vkdenoise_frame_options.aux_unchanged. It costs device memory.
   uint32_t keep_aux;
 } vkdenoise_options;
 
@@ -334,7 +336,8 @@ typedef struct vkdenoise_device_options {
   size_t struct_size;
   // Which device: "best" (or NULL), a number in the list, or part of its name or its driver's.
   const char *device;
-  // Where compiled kernels are kept for the next process: "user" (or NULL; a folder in the user's cache), "off", or a folder.
+  // Where compiled kernels are kept for the next process: "user" (or NULL; a folder in the user's cache), "off",
+  // or a folder.
   const char *cache;
   // The file of the Vulkan loader's library; NULL: the system's.
   const char *loader;
@@ -363,8 +366,8 @@ typedef struct vkdenoise_renderer {
   const char *cache;
 } vkdenoise_renderer;
 
-// A plane to read: three channels (colour, albedo, normal) or one (depth, noise). Channels beyond those, such as alpha, are
-// skipped by the strides.
+// A plane to read: three channels (colour, albedo, normal) or one (depth, noise). Channels beyond those, such as
+// alpha, are skipped by the strides.
 typedef struct vkdenoise_plane {
   // sizeof(vkdenoise_plane).
   size_t struct_size;
@@ -384,8 +387,8 @@ typedef struct vkdenoise_plane {
   uint32_t reserved;
 } vkdenoise_plane;
 
-// A plane to write, of three channels. The fields are those of vkdenoise_plane. It may overlap the frame's other planes, or be
-// one of them.
+// A plane to write, of three channels. The fields are those of vkdenoise_plane. It may overlap the frame's other
+// planes, or be one of them.
 typedef struct vkdenoise_plane_mut {
   // sizeof(vkdenoise_plane_mut).
   size_t struct_size;
@@ -419,7 +422,8 @@ typedef struct vkdenoise_frame {
   const struct vkdenoise_plane *albedo;
   // Shading normal: three channels in [-1, 1], in world or camera space.
   const struct vkdenoise_plane *normal;
-  // Depth: one channel, any unit, larger is farther; 0, below 0, not finite or at least 1e9 (in halves 65000) is background.
+  // Depth: one channel, any unit, larger is farther; 0, below 0, not finite or at least 1e9 (in halves 65000) is
+  // background.
   const struct vkdenoise_plane *depth;
   // The colour's noise: one channel. Looked at only where squares are left out (vkdenoise_options.skip_below).
   const struct vkdenoise_plane *noise;
@@ -447,15 +451,16 @@ typedef struct vkdenoise_region {
 typedef struct vkdenoise_frame_options {
   // sizeof(vkdenoise_frame_options).
   size_t struct_size;
-  // The factor on the colour before the network, undone at the end. 0: found in the frame. Take one factor for all frames of a
-  // sequence (vkdenoise_report.exposure of the first), so that they do not flicker.
+  // The factor on the colour before the network, undone at the end. 0: found in the frame. Take one factor for all
+  // frames of a sequence (vkdenoise_report.exposure of the first), so that they do not flicker.
   float exposure;
   // Share of the noisy colour in the result, 0 (all denoised) to 1 (all noisy).
   float blend;
   // A vkdenoise_fireflies.
   uint32_t fireflies;
-  // 1: albedo, normal and depth are those of the last frame of this size that was denoised with 0. They are not read then, and
-  // what depends on them alone is not computed again. For denoisers with vkdenoise_options.keep_aux.
+  // 1: albedo, normal and depth are those of the last frame of this size that was denoised with 0. They are not
+  // read then, and what depends on them alone is not computed again. For denoisers with
+  // vkdenoise_options.keep_aux.
   uint32_t aux_unchanged;
   // The pixels that are wanted. Only what they depend on is computed, and only they are written.
   struct vkdenoise_region region;
@@ -463,8 +468,9 @@ typedef struct vkdenoise_frame_options {
   uint64_t exposure_buffer;
   // Bytes from its start, a multiple of 4.
   uint64_t exposure_offset;
-  // Renderer's path alone: a VkBuffer in which the commands write four 32-bit floats: the exposure that was used; what depths
-  // were divided by; the frame's robust log-mean luminance; the share of lit pixels that are noisy. 0: none.
+  // Renderer's path alone: a VkBuffer in which the commands write four 32-bit floats: the exposure that was used;
+  // what depths were divided by; the frame's robust log-mean luminance; the share of lit pixels that are noisy. 0:
+  // none.
   uint64_t statistics_buffer;
   // Bytes from its start, a multiple of 4.
   uint64_t statistics_offset;
@@ -492,7 +498,8 @@ typedef struct vkdenoise_report {
 typedef struct vkdenoise_buffer_plane {
   // sizeof(vkdenoise_buffer_plane).
   size_t struct_size;
-  // The VkBuffer, made with VK_BUFFER_USAGE_SHADER_DEVICE_ADDRESS_BIT and VK_BUFFER_USAGE_STORAGE_BUFFER_BIT, bound to memory.
+  // The VkBuffer, made with VK_BUFFER_USAGE_SHADER_DEVICE_ADDRESS_BIT and VK_BUFFER_USAGE_STORAGE_BUFFER_BIT,
+  // bound to memory.
   uint64_t buffer;
   // Its size in bytes.
   uint64_t size;
@@ -538,7 +545,8 @@ typedef struct vkdenoise_image_plane {
   size_t struct_size;
   // A VkImageView of one 2D level. Inputs need VK_IMAGE_USAGE_SAMPLED_BIT, the output VK_IMAGE_USAGE_STORAGE_BIT.
   uint64_t view;
-  // Its VkFormat: VK_FORMAT_R16G16B16A16_SFLOAT or VK_FORMAT_R32G32B32A32_SFLOAT; depth and noise: VK_FORMAT_R32_SFLOAT.
+  // Its VkFormat: VK_FORMAT_R16G16B16A16_SFLOAT or VK_FORMAT_R32G32B32A32_SFLOAT; depth and noise:
+  // VK_FORMAT_R32_SFLOAT.
   uint32_t format;
   // The VkImageLayout that it is in when the commands run: VK_IMAGE_LAYOUT_GENERAL, or for inputs
   // VK_IMAGE_LAYOUT_SHADER_READ_ONLY_OPTIMAL.
@@ -549,8 +557,8 @@ typedef struct vkdenoise_image_plane {
   uint32_t height;
 } vkdenoise_image_plane;
 
-// A frame in a renderer's images. Every plane but colour and output may be NULL; output and colour must be two images. The
-// output's alpha becomes the colour's.
+// A frame in a renderer's images. Every plane but colour and output may be NULL; output and colour must be two
+// images. The output's alpha becomes the colour's.
 typedef struct vkdenoise_image_frame {
   // sizeof(vkdenoise_image_frame).
   size_t struct_size;
@@ -597,8 +605,8 @@ void vkdenoise_denoiser_destroy(struct vkdenoise_denoiser *denoiser);
 // The precision that the denoiser works in: a vkdenoise_precision, never VKDENOISE_PRECISION_AUTO but for NULL.
 uint32_t vkdenoise_denoiser_precision(const struct vkdenoise_denoiser *denoiser);
 
-// The device memory that a frame size takes. Nothing is allocated. The host path takes arena, weights and staging, a renderer's
-// pass arena and weights.
+// The device memory that a frame size takes. Nothing is allocated. The host path takes arena, weights and staging, a
+// renderer's pass arena and weights.
 //
 // @param memory set its struct_size; the rest is filled in.
 vkdenoise_status vkdenoise_denoiser_memory_required(const struct vkdenoise_denoiser *denoiser,
@@ -629,9 +637,9 @@ void vkdenoise_device_list_destroy(struct vkdenoise_device_list *list);
 vkdenoise_status vkdenoise_device_open(const struct vkdenoise_device_options *options,
                                        struct vkdenoise_device **device);
 
-// Uses a renderer's device. The library makes memory, pipelines and descriptor sets on it, and never submits or waits: passes
-// are recorded into the renderer's command buffers. The handles must be valid, belong together and outlive the device
-// and all that is made from it.
+// Uses a renderer's device. The library makes memory, pipelines and descriptor sets on it, and never submits or
+// waits: passes are recorded into the renderer's command buffers. The handles must be valid, belong together and
+// outlive the device and all that is made from it.
 //
 // @param device receives the device; destroy it with vkdenoise_device_destroy.
 vkdenoise_status vkdenoise_device_from_renderer(const struct vkdenoise_renderer *renderer,
@@ -654,8 +662,8 @@ uint64_t vkdenoise_device_memory_bytes(const struct vkdenoise_device *device);
 // @return a name as in the Vulkan specification, which lives as long as the library; NULL after the last.
 const char *vkdenoise_requirement(uint32_t kind, uint32_t index);
 
-// Denoises a frame in host memory and waits for the result, on a device of the library's own. What a frame size needs is kept for
-// the next call. Where it fails, the output is untouched.
+// Denoises a frame in host memory and waits for the result, on a device of the library's own. What a frame size
+// needs is kept for the next call. Where it fails, the output is untouched.
 //
 // @param options NULL: the defaults.
 // @param report NULL: none is wanted. Else set its struct_size; the rest is filled in.
@@ -675,16 +683,16 @@ vkdenoise_status vkdenoise_pass_create(const struct vkdenoise_denoiser *denoiser
 // Destroys a pass. The GPU must have finished with it. NULL is nothing.
 void vkdenoise_pass_destroy(struct vkdenoise_pass *pass);
 
-// Resolves a frame in the renderer's buffers, once for many recordings: it may compile kernels. The buffers must live as long as
-// what is recorded with the binding runs.
+// Resolves a frame in the renderer's buffers, once for many recordings: it may compile kernels. The buffers must
+// live as long as what is recorded with the binding runs.
 //
 // @param binding receives the binding; destroy it with vkdenoise_binding_destroy.
 vkdenoise_status vkdenoise_pass_bind_buffers(const struct vkdenoise_pass *pass,
                                              const struct vkdenoise_buffer_frame *frame,
                                              struct vkdenoise_binding **binding);
 
-// Resolves a frame in the renderer's images, once for many recordings: it may compile kernels and makes descriptor sets. The
-// views must live as long as the binding.
+// Resolves a frame in the renderer's images, once for many recordings: it may compile kernels and makes descriptor
+// sets. The views must live as long as the binding.
 //
 // @param binding receives the binding; destroy it with vkdenoise_binding_destroy.
 vkdenoise_status vkdenoise_pass_bind_images(const struct vkdenoise_pass *pass,
@@ -694,13 +702,15 @@ vkdenoise_status vkdenoise_pass_bind_images(const struct vkdenoise_pass *pass,
 // Destroys a binding. The GPU must have finished with what was recorded with it. NULL is nothing.
 void vkdenoise_binding_destroy(struct vkdenoise_binding *binding);
 
-// Records the pass into a command buffer that is recording, outside a render pass. It does not submit, wait or allocate.
+// Records the pass into a command buffer that is recording, outside a render pass. It does not submit, wait or
+// allocate.
 //
 // Before it the renderer makes its writes to the input planes (and to an exposure_buffer) visible to
-// VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT with VK_ACCESS_SHADER_READ_BIT, and orders earlier uses of the output (and of a
-// statistics_buffer) before that stage. After it the output was written in that stage with VK_ACCESS_SHADER_WRITE_BIT; the
-// renderer puts the barrier that its next use needs. The bound compute pipeline, compute descriptor set 0 and push constants
-// have changed. Several frames may be in flight on one queue: the pass's own memory is guarded by a barrier of its own.
+// VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT with VK_ACCESS_SHADER_READ_BIT, and orders earlier uses of the output (and of
+// a statistics_buffer) before that stage. After it the output was written in that stage with
+// VK_ACCESS_SHADER_WRITE_BIT; the renderer puts the barrier that its next use needs. The bound compute pipeline,
+// compute descriptor set 0 and push constants have changed. Several frames may be in flight on one queue: the pass's
+// own memory is guarded by a barrier of its own.
 //
 // Pass, binding and what it names live until the commands have run.
 //
@@ -710,8 +720,8 @@ vkdenoise_status vkdenoise_pass_record(const struct vkdenoise_pass *pass,
                                        const struct vkdenoise_binding *binding,
                                        const struct vkdenoise_frame_options *options);
 
-// What went wrong in this thread's last call that failed, in English, for people; empty if none did. Never NULL. It is valid
-// until this thread's next call that fails.
+// What went wrong in this thread's last call that failed, in English, for people; empty if none did. Never NULL. It
+// is valid until this thread's next call that fails.
 const char *vkdenoise_last_error(void);
 
 // A status in words, such as "out of memory". Never NULL; it lives as long as the library.

@@ -58,11 +58,11 @@ pub struct Options {
     pub weights_file: *const c_char,
     /// Most bytes of device memory that a frame may take; 0: what the device has.
     pub memory_budget: u64,
-    /// Squares of 16x16 pixels whose relative noise is no more than this keep their colour. 0: as the quality has it; below 0:
-    /// every square is denoised.
+    /// Squares of 16x16 pixels whose relative noise is no more than this keep their colour. 0: as the quality has it;
+    /// below 0: every square is denoised.
     pub skip_below: f32,
-    /// 1: what depends on albedo, normal and depth alone is kept between frames, for vkdenoise_frame_options.aux_unchanged. It costs
-    /// device memory.
+    /// 1: what depends on albedo, normal and depth alone is kept between frames, for
+    /// vkdenoise_frame_options.aux_unchanged. It costs device memory.
     pub keep_aux: u32,
 }
 descriptor!(Options, "vkdenoise_options", keep_aux: u32);
@@ -158,8 +158,8 @@ pub unsafe extern "C" fn vkdenoise_denoiser_precision(denoiser: *const Denoiser)
     found.map_or(Precision::Auto as u32, |(number, _)| *number)
 }
 
-/// The device memory that a frame size takes. Nothing is allocated. The host path takes arena, weights and staging, a renderer's
-/// pass arena and weights.
+/// The device memory that a frame size takes. Nothing is allocated. The host path takes arena, weights and staging, a
+/// renderer's pass arena and weights.
 ///
 /// @param memory set its struct_size; the rest is filled in.
 #[unsafe(no_mangle)]

@@ -21,8 +21,8 @@ pub unsafe trait Descriptor: Copy {
 /// Makes a struct a [`Descriptor`]: its name in C, and the last field (with its type) of the first version.
 macro_rules! descriptor {
     ($type:ident, $name:literal, $last:ident: $last_type:ty) => {
-        // SAFETY: every use is a `#[repr(C)]` struct of numbers, arrays of numbers, pointers and optional function pointers;
-        // a test holds the header's structs to have no padding.
+        // SAFETY: every use is a `#[repr(C)]` struct of numbers, arrays of numbers, pointers and optional function
+        // pointers; a test holds the header's structs to have no padding.
         unsafe impl crate::descriptor::Descriptor for $type {
             const NAME: &'static str = $name;
             const OLDEST: usize = std::mem::offset_of!($type, $last) + size_of::<$last_type>();

@@ -61,7 +61,8 @@ pub struct DeviceOptions {
     pub struct_size: usize,
     /// Which device: "best" (or NULL), a number in the list, or part of its name or its driver's.
     pub device: *const c_char,
-    /// Where compiled kernels are kept for the next process: "user" (or NULL; a folder in the user's cache), "off", or a folder.
+    /// Where compiled kernels are kept for the next process: "user" (or NULL; a folder in the user's cache), "off",
+    /// or a folder.
     pub cache: *const c_char,
     /// The file of the Vulkan loader's library; NULL: the system's.
     pub loader: *const c_char,
@@ -80,7 +81,8 @@ pub enum Feature {
     SubgroupBroadcastDynamicId = 4,
     /// hostQueryReset. Nothing of this interface uses it so far.
     HostQueryReset = 8,
-    /// VK_KHR_cooperative_matrix, with all that vkdenoise_requirement names for it: GPUs then run several times as fast.
+    /// VK_KHR_cooperative_matrix, with all that vkdenoise_requirement names for it: GPUs then run several times as
+    /// fast.
     CooperativeMatrix = 16,
 }
 
@@ -251,9 +253,9 @@ pub unsafe extern "C" fn vkdenoise_device_open(options: *const DeviceOptions, de
     guard(|| unsafe { handle::give(device, open) })
 }
 
-/// Uses a renderer's device. The library makes memory, pipelines and descriptor sets on it, and never submits or waits: passes
-/// are recorded into the renderer's command buffers. The handles must be valid, belong together and outlive the device
-/// and all that is made from it.
+/// Uses a renderer's device. The library makes memory, pipelines and descriptor sets on it, and never submits or
+/// waits: passes are recorded into the renderer's command buffers. The handles must be valid, belong together and
+/// outlive the device and all that is made from it.
 ///
 /// @param device receives the device; destroy it with vkdenoise_device_destroy.
 #[unsafe(no_mangle)]

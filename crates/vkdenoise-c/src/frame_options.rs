@@ -37,15 +37,16 @@ pub struct Region {
 pub struct FrameOptions {
     /// sizeof(vkdenoise_frame_options).
     pub struct_size: usize,
-    /// The factor on the colour before the network, undone at the end. 0: found in the frame. Take one factor for all frames of a
-    /// sequence (vkdenoise_report.exposure of the first), so that they do not flicker.
+    /// The factor on the colour before the network, undone at the end. 0: found in the frame. Take one factor for all
+    /// frames of a sequence (vkdenoise_report.exposure of the first), so that they do not flicker.
     pub exposure: f32,
     /// Share of the noisy colour in the result, 0 (all denoised) to 1 (all noisy).
     pub blend: f32,
     /// A vkdenoise_fireflies.
     pub fireflies: u32,
-    /// 1: albedo, normal and depth are those of the last frame of this size that was denoised with 0. They are not read then, and
-    /// what depends on them alone is not computed again. For denoisers with vkdenoise_options.keep_aux.
+    /// 1: albedo, normal and depth are those of the last frame of this size that was denoised with 0. They are not
+    /// read then, and what depends on them alone is not computed again. For denoisers with
+    /// vkdenoise_options.keep_aux.
     pub aux_unchanged: u32,
     /// The pixels that are wanted. Only what they depend on is computed, and only they are written.
     pub region: Region,
@@ -53,8 +54,9 @@ pub struct FrameOptions {
     pub exposure_buffer: u64,
     /// Bytes from its start, a multiple of 4.
     pub exposure_offset: u64,
-    /// Renderer's path alone: a VkBuffer in which the commands write four 32-bit floats: the exposure that was used; what depths
-    /// were divided by; the frame's robust log-mean luminance; the share of lit pixels that are noisy. 0: none.
+    /// Renderer's path alone: a VkBuffer in which the commands write four 32-bit floats: the exposure that was used;
+    /// what depths were divided by; the frame's robust log-mean luminance; the share of lit pixels that are noisy. 0:
+    /// none.
     pub statistics_buffer: u64,
     /// Bytes from its start, a multiple of 4.
     pub statistics_offset: u64,

@@ -15,8 +15,8 @@ use vkdenoise::{
     Error, Exposure, Extent, Features, Layout, Noise, Plane as CorePlane, PlaneMut as CorePlaneMut, Region,
 };
 
-/// A plane to read: three channels (colour, albedo, normal) or one (depth, noise). Channels beyond those, such as alpha, are
-/// skipped by the strides.
+/// A plane to read: three channels (colour, albedo, normal) or one (depth, noise). Channels beyond those, such as
+/// alpha, are skipped by the strides.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct Plane {
@@ -39,8 +39,8 @@ pub struct Plane {
 }
 descriptor!(Plane, "vkdenoise_plane", reserved: u32);
 
-/// A plane to write, of three channels. The fields are those of vkdenoise_plane. It may overlap the frame's other planes, or be
-/// one of them.
+/// A plane to write, of three channels. The fields are those of vkdenoise_plane. It may overlap the frame's other
+/// planes, or be one of them.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct PlaneMut {
@@ -98,7 +98,8 @@ pub struct Frame {
     pub albedo: *const Plane,
     /// Shading normal: three channels in [-1, 1], in world or camera space.
     pub normal: *const Plane,
-    /// Depth: one channel, any unit, larger is farther; 0, below 0, not finite or at least 1e9 (in halves 65000) is background.
+    /// Depth: one channel, any unit, larger is farther; 0, below 0, not finite or at least 1e9 (in halves 65000) is
+    /// background.
     pub depth: *const Plane,
     /// The colour's noise: one channel. Looked at only where squares are left out (vkdenoise_options.skip_below).
     pub noise: *const Plane,
@@ -184,7 +185,8 @@ impl Memory {
     /// The memory is the caller's, initialised and not written during `'a`.
     unsafe fn plane<'a>(&self) -> CorePlane<'a> {
         let (layout, len) = (self.placed.layout, self.placed.reach as usize);
-        // SAFETY: not null, aligned, within the caller's memory and shorter than 2^63 bytes, all of which `new` checked.
+        // SAFETY: not null, aligned, within the caller's memory and shorter than 2^63 bytes, all of which `new`
+        // checked.
         unsafe {
             match self.format {
                 SampleFormat::F32 => CorePlane::f32(slice::from_raw_parts(self.address as *const f32, len), layout),
@@ -280,8 +282,8 @@ unsafe fn output(plane: *const PlaneMut, extent: Extent) -> Result<Memory, Failu
     Memory::new("output", extent, 3, plane.samples as usize, plane.size, plane.format, strides)
 }
 
-/// Denoises a frame in host memory and waits for the result, on a device of the library's own. What a frame size needs is kept for
-/// the next call. Where it fails, the output is untouched.
+/// Denoises a frame in host memory and waits for the result, on a device of the library's own. What a frame size
+/// needs is kept for the next call. Where it fails, the output is untouched.
 ///
 /// @param options NULL: the defaults.
 /// @param report NULL: none is wanted. Else set its struct_size; the rest is filled in.
@@ -342,7 +344,8 @@ pub unsafe extern "C" fn vkdenoise_denoise(
         denoiser.set_features_unchanged(options.features_unchanged);
         let inputs = [Some(&color), albedo.as_ref(), normal.as_ref(), depth.as_ref(), noise.as_ref()];
         let done = if inputs.into_iter().flatten().any(|input| input.overlaps(&output)) {
-            // Rust's planes may not overlap what is written: the result is made apart, and stored when nothing reads any more.
+            // Rust's planes may not overlap what is written: the result is made apart, and stored when nothing reads
+            // any more.
             let mut packed = zeros(3 * extent.pixels())?;
             let done = denoiser.denoise(&core, CorePlaneMut::f32(&mut packed, Layout::interleaved(extent, 3)))?;
             // SAFETY: the frame's planes are not used after this.

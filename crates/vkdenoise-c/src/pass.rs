@@ -8,8 +8,8 @@ use crate::status::{Failure, Status, guard};
 use vkdenoise::Extent;
 use vkdenoise::ash::vk::{self, Handle};
 
-/// The denoiser for one frame size, with the memory of its feature maps. Frames in flight may share it as long as they are
-/// submitted to one queue.
+/// The denoiser for one frame size, with the memory of its feature maps. Frames in flight may share it as long as
+/// they are submitted to one queue.
 pub struct Pass {
     pass: vkdenoise::Pass,
     extent: Extent,
@@ -53,8 +53,8 @@ pub unsafe extern "C" fn vkdenoise_pass_destroy(pass: *mut Pass) {
     });
 }
 
-/// Resolves a frame in the renderer's buffers, once for many recordings: it may compile kernels. The buffers must live as long as
-/// what is recorded with the binding runs.
+/// Resolves a frame in the renderer's buffers, once for many recordings: it may compile kernels. The buffers must
+/// live as long as what is recorded with the binding runs.
 ///
 /// @param binding receives the binding; destroy it with vkdenoise_binding_destroy.
 #[unsafe(no_mangle)]
@@ -72,8 +72,8 @@ pub unsafe extern "C" fn vkdenoise_pass_bind_buffers(
     guard(|| unsafe { handle::give(binding, make) })
 }
 
-/// Resolves a frame in the renderer's images, once for many recordings: it may compile kernels and makes descriptor sets. The
-/// views must live as long as the binding.
+/// Resolves a frame in the renderer's images, once for many recordings: it may compile kernels and makes descriptor
+/// sets. The views must live as long as the binding.
 ///
 /// @param binding receives the binding; destroy it with vkdenoise_binding_destroy.
 #[unsafe(no_mangle)]
@@ -101,13 +101,15 @@ pub unsafe extern "C" fn vkdenoise_binding_destroy(binding: *mut Binding) {
     });
 }
 
-/// Records the pass into a command buffer that is recording, outside a render pass. It does not submit, wait or allocate.
+/// Records the pass into a command buffer that is recording, outside a render pass. It does not submit, wait or
+/// allocate.
 ///
 /// Before it the renderer makes its writes to the input planes (and to an exposure_buffer) visible to
-/// VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT with VK_ACCESS_SHADER_READ_BIT, and orders earlier uses of the output (and of a
-/// statistics_buffer) before that stage. After it the output was written in that stage with VK_ACCESS_SHADER_WRITE_BIT; the
-/// renderer puts the barrier that its next use needs. The bound compute pipeline, compute descriptor set 0 and push constants
-/// have changed. Several frames may be in flight on one queue: the pass's own memory is guarded by a barrier of its own.
+/// VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT with VK_ACCESS_SHADER_READ_BIT, and orders earlier uses of the output (and of
+/// a statistics_buffer) before that stage. After it the output was written in that stage with
+/// VK_ACCESS_SHADER_WRITE_BIT; the renderer puts the barrier that its next use needs. The bound compute pipeline,
+/// compute descriptor set 0 and push constants have changed. Several frames may be in flight on one queue: the pass's
+/// own memory is guarded by a barrier of its own.
 ///
 /// Pass, binding and what it names live until the commands have run.
 ///

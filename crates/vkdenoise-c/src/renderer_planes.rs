@@ -13,7 +13,8 @@ use vkdenoise::{Error, Extent, ImageFormat, Noise};
 pub struct BufferPlane {
     /// sizeof(vkdenoise_buffer_plane).
     pub struct_size: usize,
-    /// The VkBuffer, made with VK_BUFFER_USAGE_SHADER_DEVICE_ADDRESS_BIT and VK_BUFFER_USAGE_STORAGE_BUFFER_BIT, bound to memory.
+    /// The VkBuffer, made with VK_BUFFER_USAGE_SHADER_DEVICE_ADDRESS_BIT and VK_BUFFER_USAGE_STORAGE_BUFFER_BIT,
+    /// bound to memory.
     pub buffer: u64,
     /// Its size in bytes.
     pub size: u64,
@@ -65,7 +66,8 @@ pub struct ImagePlane {
     pub struct_size: usize,
     /// A VkImageView of one 2D level. Inputs need VK_IMAGE_USAGE_SAMPLED_BIT, the output VK_IMAGE_USAGE_STORAGE_BIT.
     pub view: u64,
-    /// Its VkFormat: VK_FORMAT_R16G16B16A16_SFLOAT or VK_FORMAT_R32G32B32A32_SFLOAT; depth and noise: VK_FORMAT_R32_SFLOAT.
+    /// Its VkFormat: VK_FORMAT_R16G16B16A16_SFLOAT or VK_FORMAT_R32G32B32A32_SFLOAT; depth and noise:
+    /// VK_FORMAT_R32_SFLOAT.
     pub format: u32,
     /// The VkImageLayout that it is in when the commands run: VK_IMAGE_LAYOUT_GENERAL, or for inputs
     /// VK_IMAGE_LAYOUT_SHADER_READ_ONLY_OPTIMAL.
@@ -77,8 +79,8 @@ pub struct ImagePlane {
 }
 descriptor!(ImagePlane, "vkdenoise_image_plane", height: u32);
 
-/// A frame in a renderer's images. Every plane but colour and output may be NULL; output and colour must be two images. The
-/// output's alpha becomes the colour's.
+/// A frame in a renderer's images. Every plane but colour and output may be NULL; output and colour must be two
+/// images. The output's alpha becomes the colour's.
 #[repr(C)]
 #[derive(Clone, Copy)]
 pub struct ImageFrame {
@@ -163,8 +165,8 @@ unsafe fn image(plane: *const ImagePlane, name: &'static str) -> Result<Option<v
         vk::Format::R32_SFLOAT => ImageFormat::R32F,
         other => {
             return Err(Failure::argument(format!(
-                "the {name} image has the format {other:?}; it can be R16G16B16A16_SFLOAT, R32G32B32A32_SFLOAT or, for depth \
-                 and noise, R32_SFLOAT"
+                "the {name} image has the format {other:?}; it can be R16G16B16A16_SFLOAT, R32G32B32A32_SFLOAT or, for \
+                 depth and noise, R32_SFLOAT"
             )));
         }
     };

@@ -6,8 +6,8 @@ use std::ffi::{CStr, CString, c_char};
 use std::panic::{AssertUnwindSafe, catch_unwind};
 use vkdenoise::Error;
 
-/// How a call ended. Later releases may add values; what is not VKDENOISE_STATUS_OK is a failure, and vkdenoise_last_error() says
-/// what was wrong.
+/// How a call ended. Later releases may add values; what is not VKDENOISE_STATUS_OK is a failure, and
+/// vkdenoise_last_error() says what was wrong.
 #[repr(u32)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Status {
@@ -132,8 +132,8 @@ fn panic_message(panic: &(dyn Any + Send)) -> String {
     format!("an error inside vkdenoise: {}", text.unwrap_or("it gave no message"))
 }
 
-/// What went wrong in this thread's last call that failed, in English, for people; empty if none did. Never NULL. It is valid
-/// until this thread's next call that fails.
+/// What went wrong in this thread's last call that failed, in English, for people; empty if none did. Never NULL. It
+/// is valid until this thread's next call that fails.
 #[unsafe(no_mangle)]
 pub extern "C" fn vkdenoise_last_error() -> *const c_char {
     LAST.try_with(|last| last.borrow().as_ptr()).unwrap_or(c"".as_ptr())

@@ -1,5 +1,5 @@
-//! The library as it is installed: C and C++ programs built against it by a C compiler, through pkg-config and through CMake, and
-//! run; and the interface as it is kept in `abi.txt`.
+//! The library as it is installed: C and C++ programs built against it by a C compiler, through pkg-config and
+//! through CMake, and run; and the interface as it is kept in `abi.txt`.
 
 mod common;
 
@@ -105,6 +105,28 @@ fn a_renderers_images_and_what_its_path_refuses() {
 #[test]
 fn what_the_host_path_refuses() {
     run(&build("cc", "-std=c11", "tests/programs/host_misuse.c", &[]));
+}
+
+/// The code of a language in the guide, in one piece.
+fn guide(language: &str) -> String {
+    let text = fs::read_to_string(root().join("../../docs/INTEGRATION.md")).unwrap();
+    let opening = format!("```{language}\n");
+    let blocks = text.split(&opening).skip(1).filter_map(|rest| rest.split("```").next());
+    blocks.collect::<Vec<_>>().join("\n")
+}
+
+#[test]
+fn the_guides_code_compiles() {
+    for (compiler, standard, language) in [("cc", "-std=c11", "c"), ("c++", "-std=c++17", "cpp")] {
+        let code = guide(language);
+        assert!(code.contains("denoise"), "no code of {language} in the guide");
+        fs::create_dir_all(scratch()).unwrap();
+        let source = scratch().join(format!("guide.{language}"));
+        fs::write(&source, code).unwrap();
+        let mut command = Command::new(compiler);
+        command.arg(standard).args(STRICT).arg("-c").arg(&source).arg("-o").arg(scratch().join("guide.o"));
+        output(command.args(pkg_config(&["--cflags"])));
+    }
 }
 
 /// Both libraries, found by CMake, in a program of a project of its own.

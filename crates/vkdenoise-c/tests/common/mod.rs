@@ -3,7 +3,8 @@
 use std::fs;
 use std::path::Path;
 
-/// Compares a text with the file that is kept of it. With `VKDENOISE_WRITE_STORED=1` in the environment the file is written.
+/// Compares a text with the file that is kept of it. With `VKDENOISE_WRITE_STORED=1` in the environment the file is
+/// written.
 pub fn assert_stored(file: &Path, made: &str) {
     if std::env::var_os("VKDENOISE_WRITE_STORED").is_some_and(|value| value == "1") {
         fs::write(file, made).unwrap();
@@ -13,8 +14,8 @@ pub fn assert_stored(file: &Path, made: &str) {
     let line = differs.unwrap_or(stored.lines().count().min(made.lines().count()));
     assert!(
         stored == made,
-        "{} is not what the sources give, from line {} on:\n  stored: {}\n  now:    {}\nIf that is meant, run the test once more with \
-         VKDENOISE_WRITE_STORED=1 and commit the file.",
+        "{} is not what the sources give, from line {} on:\n  stored: {}\n  now:    {}\n\
+         If that is meant, run the test once more with VKDENOISE_WRITE_STORED=1 and commit the file.",
         file.display(),
         line + 1,
         stored.lines().nth(line).unwrap_or("(its end)"),

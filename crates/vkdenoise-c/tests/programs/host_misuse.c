@@ -72,7 +72,8 @@ static void device_arguments(vkdenoise_device *device) {
 
   vkdenoise_renderer renderer = VKDENOISE_INIT(vkdenoise_renderer);
   REFUSED(vkdenoise_device_from_renderer(NULL, &none), VKDENOISE_STATUS_INVALID_ARGUMENT, "NULL");
-  REFUSED(vkdenoise_device_from_renderer(&renderer, &none), VKDENOISE_STATUS_INVALID_ARGUMENT, "get_instance_proc_addr");
+  REFUSED(vkdenoise_device_from_renderer(&renderer, &none), VKDENOISE_STATUS_INVALID_ARGUMENT,
+          "get_instance_proc_addr");
   renderer.enabled_features = 1u << 20;
   REFUSED(vkdenoise_device_from_renderer(&renderer, &none), VKDENOISE_STATUS_INVALID_ARGUMENT, "enabled_features");
 

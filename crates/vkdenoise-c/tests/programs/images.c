@@ -1,5 +1,5 @@
-// A renderer whose frame lies in images, the exposure in a buffer; and what the renderer's path refuses. The result is held against
-// that of buffers, and the validation layer is silent.
+// A renderer whose frame lies in images, the exposure in a buffer; and what the renderer's path refuses. The result
+// is held against that of buffers, and the validation layer is silent.
 
 #include "../../examples/own_vulkan.h"
 
@@ -108,8 +108,8 @@ static void host_reads(VkCommandBuffer commands) {
 }
 
 static void refusals(const vkdenoise_pass *pass, const vkdenoise_pass *other, const vkdenoise_denoiser *denoiser,
-                     VkCommandBuffer commands, const vkdenoise_buffer_frame *buffers, const vkdenoise_image_frame *images,
-                     const vkdenoise_binding *binding) {
+                     VkCommandBuffer commands, const vkdenoise_buffer_frame *buffers,
+                     const vkdenoise_image_frame *images, const vkdenoise_binding *binding) {
   const vkdenoise_status invalid = VKDENOISE_STATUS_INVALID_ARGUMENT, mismatch = VKDENOISE_STATUS_PLANE_MISMATCH;
   vkdenoise_binding *none;
   vkdenoise_buffer_frame frame = *buffers;
@@ -227,14 +227,16 @@ int main(void) {
   DENOISE(vkdenoise_pass_record(pass, commands, in_buffers, &options));
   DENOISE(vkdenoise_pass_record(pass, commands, in_images, &options));
   to_layout(commands, &pictures[3], general, VK_IMAGE_LAYOUT_TRANSFER_SRC_OPTIMAL);
-  vkCmdCopyImageToBuffer(commands, pictures[3].image, VK_IMAGE_LAYOUT_TRANSFER_SRC_OPTIMAL, by_images.buffer, 1, &whole);
+  vkCmdCopyImageToBuffer(commands, pictures[3].image, VK_IMAGE_LAYOUT_TRANSFER_SRC_OPTIMAL, by_images.buffer, 1,
+                         &whole);
   host_reads(commands);
   own_wait(&own, own_submit(&own, commands));
 
   const float *first = by_buffers.mapped, *second = by_images.mapped;
   for (int i = 0; i < PIXELS; i++) {
-    if (memcmp(first + 4 * i, second + 4 * i, 12) == 0 && first[4 * i] > 0.0f && second[4 * i + 3] == rgba[4 * i + 3]) continue;
-    fprintf(stderr, "pixel %d: %g in buffers, %g in images, alpha %g\n", i, first[4 * i], second[4 * i], second[4 * i + 3]);
+    const float *one = first + 4 * i, *two = second + 4 * i;
+    if (memcmp(one, two, 12) == 0 && one[0] > 0.0f && two[3] == rgba[4 * i + 3]) continue;
+    fprintf(stderr, "pixel %d: %g in buffers, %g in images, alpha %g\n", i, one[0], two[0], two[3]);
     failures++;
     break;
   }
