@@ -45,11 +45,13 @@ pub struct EnabledFeatures {
 impl RendererDevice {
     /// The device of these handles. Its `cache` is [`Cache::User`]; set the field for another.
     ///
-    /// # Errors [`Error::InvalidOption`] where a handle or the function is null, and where `get_instance_proc_addr`
-    /// does not find the functions of Vulkan 1.2 (an instance made for less, or no instance of that loader).
+    /// # Errors
+    /// [`Error::InvalidOption`] where a handle or the function is null, and where `get_instance_proc_addr` does not find
+    /// the functions of Vulkan 1.2 (an instance made for less, or no instance of that loader).
     ///
-    /// # Safety The handles are valid and belong together, and `get_instance_proc_addr` is the
-    /// `vkGetInstanceProcAddr` of the loader that made the instance.
+    /// # Safety
+    /// The handles are valid and belong together, and `get_instance_proc_addr` is the `vkGetInstanceProcAddr` of the
+    /// loader that made the instance.
     pub unsafe fn from_raw(raw: &RawDevice) -> Result<Self> {
         let null =
             |option| Err(Error::InvalidOption { option, reason: "null; it must be a handle of Vulkan's".into() });
