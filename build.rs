@@ -8,14 +8,13 @@
 mod kernels {
     pub mod contract;
     pub mod contracts;
-    pub mod pushes;
 }
-#[cfg(feature = "shaderc")]
-#[path = "build/check.rs"]
-mod check;
 #[cfg(feature = "shaderc")]
 #[path = "build/compile.rs"]
 mod compile;
+#[cfg(feature = "shaderc")]
+#[path = "build/reflect.rs"]
+mod reflect;
 #[path = "build/sources.rs"]
 mod sources;
 #[cfg(not(feature = "shaderc"))]

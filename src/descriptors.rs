@@ -52,14 +52,14 @@ impl DescriptorSets {
         let contracts: Vec<_> = dispatches.iter().map(|dispatch| dispatch.variant.contract).collect();
         let Some(pool) = make_pool(device, &contracts)? else { return Ok(made) };
         made.pool = pool;
-        for (i, contract) in contracts.iter().enumerate().filter(|(_, contract)| !contract.bindings.is_empty()) {
+        for (i, contract) in contracts.iter().enumerate().filter(|(_, contract)| !contract.bindings().is_empty()) {
             let layouts = [pipelines[i].set_layout];
             let info = vk::DescriptorSetAllocateInfo::default().descriptor_pool(pool).set_layouts(&layouts);
             // SAFETY: pool and layout are of this device; nobody else uses the pool.
             let sets = unsafe { device.raw().allocate_descriptor_sets(&info) }.called("vkAllocateDescriptorSets")?;
             made.sets[i] = sets.first().copied().unwrap_or_default();
             let mut ranges = dispatches[i].call.kernel().texels().into_iter();
-            for (at, binding) in (0..).zip(contract.bindings) {
+            for (at, binding) in (0..).zip(contract.bindings()) {
                 let mut write = vk::WriteDescriptorSet::default()
                     .dst_set(made.sets[i])
                     .dst_binding(at)
@@ -110,7 +110,7 @@ impl DescriptorSets {
 
 /// A pool for one set of each contract; `None` where none has descriptors.
 fn make_pool(device: &Device, contracts: &[&Contract]) -> Result<Option<vk::DescriptorPool>> {
-    let count = |ty| contracts.iter().flat_map(|c| c.bindings).filter(|binding| binding.ty == ty).count() as u32;
+    let count = |ty| contracts.iter().flat_map(|c| c.bindings()).filter(|binding| binding.ty == ty).count() as u32;
     let sizes: Vec<_> = [BindingType::SampledImage, BindingType::StorageImage, BindingType::TexelBuffer]
         .into_iter()
         .map(|ty| vk::DescriptorPoolSize::default().ty(descriptor_type(ty)).descriptor_count(count(ty)))
@@ -119,7 +119,7 @@ fn make_pool(device: &Device, contracts: &[&Contract]) -> Result<Option<vk::Desc
     if sizes.is_empty() {
         return Ok(None);
     }
-    let sets = contracts.iter().filter(|contract| !contract.bindings.is_empty()).count();
+    let sets = contracts.iter().filter(|contract| !contract.bindings().is_empty()).count();
     let info = vk::DescriptorPoolCreateInfo::default().max_sets(sets as u32).pool_sizes(&sizes);
     // SAFETY: the device is alive.
     unsafe { device.raw().create_descriptor_pool(&info, None) }.called("vkCreateDescriptorPool").map(Some)

@@ -202,7 +202,7 @@ fn every_texel_buffer_of_a_contract_has_its_range() {
     for (name, plan) in plans(Extent::new(600, 128)) {
         for dispatch in lists(&plan).concat() {
             let kernel = dispatch.call.kernel();
-            let bindings = kernel.choose(target).contract.bindings.iter();
+            let bindings = kernel.choose(target).contract.bindings().iter();
             let buffers = bindings.filter(|binding| binding.ty == BindingType::TexelBuffer).count();
             assert!(buffers == 0 || kernel.texels().len() == buffers, "{name}: {}", dispatch.name);
         }

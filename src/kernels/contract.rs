@@ -1,35 +1,5 @@
-//! The binding contract of a kernel: what its shader must declare, written once and checked by `build.rs`
-//! against the compiled SPIR-V.
-
-/// Type of a push constant.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum FieldType {
-    /// A buffer's device address, 8 bytes.
-    Address,
-    /// 32-bit unsigned integer.
-    U32,
-    /// 32-bit float.
-    F32,
-}
-
-impl FieldType {
-    /// Size in bytes.
-    pub const fn size(self) -> u32 {
-        match self {
-            Self::Address => 8,
-            Self::U32 | Self::F32 => 4,
-        }
-    }
-}
-
-/// One member of a push-constant block, in declaration order.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct Field {
-    /// Name, the same in Rust and GLSL.
-    pub name: &'static str,
-    /// Type.
-    pub ty: FieldType,
-}
+//! What a kernel variant is: its shader, how it is compiled, what it needs and what it is specialised by. What the shader itself
+//! declares, push constants and descriptors, `build.rs` reads off the compiled SPIR-V ([`super::spirv`]).
 
 /// What a descriptor binding of set 0 holds. Storage buffers are not bound: they come as device addresses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -45,7 +15,7 @@ pub enum BindingType {
 /// One descriptor of set 0; its binding number is its position.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Binding {
-    /// Name, the same in Rust and GLSL.
+    /// Its name in GLSL.
     pub name: &'static str,
     /// Type.
     pub ty: BindingType,
@@ -160,10 +130,8 @@ pub struct Contract {
     pub source: &'static str,
     /// Preprocessor definitions that make this variant of the source.
     pub defines: &'static [(&'static str, &'static str)],
-    /// The push-constant block.
-    pub push: &'static [Field],
-    /// The descriptors of set 0.
-    pub bindings: &'static [Binding],
+    /// The struct of its push constants ([`super::pushes`]).
+    pub push: &'static str,
     /// The specialisation constants.
     pub constants: &'static [Constant],
     /// Device features beyond the portable set that the variant needs.
@@ -229,40 +197,4 @@ impl Contract {
     pub fn kernel(&self) -> &'static str {
         self.source.trim_end_matches(".comp")
     }
-
-    /// Size of the push-constant block in bytes.
-    pub const fn push_size(&self) -> u32 {
-        let mut size = 0;
-        let mut i = 0;
-        while i < self.push.len() {
-            size += self.push[i].ty.size();
-            i += 1;
-        }
-        size
-    }
 }
-
-/// Declares a push-constant block: a `#[repr(C)]` struct for the recorder and its field table for the contract.
-/// Addresses come first, so that the block has no padding.
-macro_rules! push_constants {
-    ($(#[$meta:meta])* $name:ident { $($(#[$field_meta:meta])* $field:ident: $ty:ident),* $(,)? }) => {
-        $(#[$meta])*
-        #[repr(C)]
-        #[derive(Clone, Copy, Debug, Default, bytemuck::Pod, bytemuck::Zeroable)]
-        pub struct $name { $($(#[$field_meta])* pub $field: push_constants!(@rust $ty)),* }
-
-        impl $name {
-            /// The members, in order.
-            pub const FIELDS: &'static [$crate::kernels::contract::Field] = &[
-                $($crate::kernels::contract::Field {
-                    name: stringify!($field),
-                    ty: $crate::kernels::contract::FieldType::$ty,
-                }),*
-            ];
-        }
-    };
-    (@rust Address) => { u64 };
-    (@rust U32) => { u32 };
-    (@rust F32) => { f32 };
-}
-pub(crate) use push_constants;

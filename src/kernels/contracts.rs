@@ -1,85 +1,11 @@
-//! The contract of every kernel variant. `build.rs` compiles each from `glsl/` and refuses a shader that declares
-//! anything else.
+//! Every kernel variant. `build.rs` compiles each from `glsl/`, reads push constants and descriptors off it and refuses one whose
+//! specialisation constants are others.
 
-use super::contract::{Binding, BindingType, Constant, ConstantValue, Contract, Need};
-use super::pushes::*;
-
-const COLOR_IMAGE: &[Binding] = &[Binding { name: "color_image", ty: BindingType::SampledImage }];
-const COLOR_DEPTH_IMAGES: &[Binding] = &[
-    Binding { name: "color_image", ty: BindingType::SampledImage },
-    Binding { name: "depth_image", ty: BindingType::SampledImage },
-];
-const NOISE_IMAGES: &[Binding] = &[
-    Binding { name: "color_image", ty: BindingType::SampledImage },
-    Binding { name: "depth_image", ty: BindingType::SampledImage },
-    Binding { name: "noise_image", ty: BindingType::SampledImage },
-];
-const AUX_IMAGES: &[Binding] = &[
-    Binding { name: "albedo_image", ty: BindingType::SampledImage },
-    Binding { name: "normal_image", ty: BindingType::SampledImage },
-    Binding { name: "depth_image", ty: BindingType::SampledImage },
-];
-const OUTPUT_IMAGES: &[Binding] = &[
-    Binding { name: "color_image", ty: BindingType::SampledImage },
-    Binding { name: "dst_image", ty: BindingType::StorageImage },
-];
+use super::contract::{Constant, ConstantValue, Contract, Need};
 
 const CPU: &[Need] = &[Need::CpuDriver];
 const HALVES: &[Need] = &[Need::Storage16];
 const CPU_HALVES: &[Need] = &[Need::CpuDriver, Need::Storage16];
-
-const SRC_TEXELS: Binding = Binding { name: "src_texels", ty: BindingType::TexelBuffer };
-const WEIGHTS_TEXELS: Binding = Binding { name: "weights_texels", ty: BindingType::TexelBuffer };
-const FILM_TEXELS: Binding = Binding { name: "film_texels", ty: BindingType::TexelBuffer };
-const RESIDUAL_TEXELS: Binding = Binding { name: "residual_texels", ty: BindingType::TexelBuffer };
-const CONV_TEXELS: &[Binding] = &[SRC_TEXELS, WEIGHTS_TEXELS, FILM_TEXELS, RESIDUAL_TEXELS];
-const LINEAR_TEXELS: &[Binding] = &[
-    SRC_TEXELS,
-    WEIGHTS_TEXELS,
-    FILM_TEXELS,
-    RESIDUAL_TEXELS,
-    Binding { name: "src_b_texels", ty: BindingType::TexelBuffer },
-];
-const SEPARABLE_TEXELS: &[Binding] = &[
-    SRC_TEXELS,
-    WEIGHTS_TEXELS,
-    FILM_TEXELS,
-    RESIDUAL_TEXELS,
-    Binding { name: "depthwise_texels", ty: BindingType::TexelBuffer },
-];
-const MAP_TEXELS: &[Binding] = &[SRC_TEXELS, WEIGHTS_TEXELS];
-const SRC_ONLY_TEXELS: &[Binding] = &[SRC_TEXELS];
-const KERNEL_INPUTS_TEXELS: &[Binding] = &[
-    Binding { name: "early_texels", ty: BindingType::TexelBuffer },
-    Binding { name: "tokens_texels", ty: BindingType::TexelBuffer },
-    Binding { name: "albedo_texels", ty: BindingType::TexelBuffer },
-    Binding { name: "color_texels", ty: BindingType::TexelBuffer },
-    RESIDUAL_TEXELS,
-    WEIGHTS_TEXELS,
-];
-const PREDICT_TEXELS: &[Binding] = &[
-    Binding { name: "hidden_texels", ty: BindingType::TexelBuffer },
-    Binding { name: "taps_texels", ty: BindingType::TexelBuffer },
-    Binding { name: "albedo_texels", ty: BindingType::TexelBuffer },
-    WEIGHTS_TEXELS,
-];
-const APPLY_TEXELS: &[Binding] = &[
-    Binding { name: "logits_texels", ty: BindingType::TexelBuffer },
-    Binding { name: "sums_texels", ty: BindingType::TexelBuffer },
-];
-const MIX_TEXELS: &[Binding] = &[
-    Binding { name: "pixels_texels", ty: BindingType::TexelBuffer },
-    Binding { name: "level_0_texels", ty: BindingType::TexelBuffer },
-    Binding { name: "level_1_texels", ty: BindingType::TexelBuffer },
-    Binding { name: "level_2_texels", ty: BindingType::TexelBuffer },
-    Binding { name: "level_3_texels", ty: BindingType::TexelBuffer },
-    Binding { name: "color_texels", ty: BindingType::TexelBuffer },
-    RESIDUAL_TEXELS,
-];
-const ATTENTION_TEXELS: &[Binding] = &[
-    Binding { name: "x_texels", ty: BindingType::TexelBuffer },
-    Binding { name: "f_texels", ty: BindingType::TexelBuffer },
-];
 
 const MATRICES: &[Need] = &[Need::Matrix];
 
@@ -116,37 +42,37 @@ pub const MATRIX_SUBGROUPS: u32 = 4;
 pub const AUX_SUBGROUPS: u32 = 8;
 
 macro_rules! contract {
-    ($name:expr, $source:literal, $push:ident, [$(($key:literal, $value:literal)),*], $bindings:expr, $needs:expr) => {
-        contract!($name, $source, $push, [$(($key, $value)),*], $bindings, $needs, &[])
+    ($name:expr, $source:literal, $push:ident, [$(($key:literal, $value:literal)),*], $needs:expr) => {
+        contract!($name, $source, $push, [$(($key, $value)),*], $needs, &[])
     };
-    ($name:expr, $source:literal, $push:ident, [$(($key:literal, $value:literal)),*], $bindings:expr, $needs:expr,
-     $constants:expr) => {
+    ($name:expr, $source:literal, $push:ident, [$(($key:literal, $value:literal)),*], $needs:expr, $constants:expr) => {
         Contract {
-            name: $name, source: $source, defines: &[$(($key, $value)),*], push: $push::FIELDS,
-            bindings: $bindings, needs: $needs, constants: $constants,
+            name: $name, source: $source, defines: &[$(($key, $value)),*], push: stringify!($push), needs: $needs,
+            constants: $constants,
         }
     };
 }
 
-/// Constants for the variants, those under `stored` twice: with maps of 32-bit floats and, in [`halves`], of halves.
+/// Constants for the variants, those under `stored` twice: with maps of 32-bit floats and, in [`halves`], of halves. Each
+/// has its name, its shader, the struct of its push constants, what it defines, needs and is specialised by.
 macro_rules! contracts {
     (stored {$($(#[$stored_meta:meta])* $stored:ident = $stored_name:literal $stored_source:literal $stored_push:ident
-       { $($stored_key:literal : $stored_value:literal),* } $stored_bindings:expr, $stored_needs:expr, $half_needs:expr
+       { $($stored_key:literal : $stored_value:literal),* } $stored_needs:expr, $half_needs:expr
        $(, $stored_constants:ident)?;)*}
      others {$($(#[$meta:meta])* $konst:ident = $name:literal $source:literal $push:ident
-       { $($key:literal : $value:literal),* } $bindings:expr, $needs:expr $(, $constants:expr)?;)*}) => {
+       { $($key:literal : $value:literal),* } $needs:expr $(, $constants:expr)?;)*}) => {
         $($(#[$stored_meta])* pub const $stored: Contract = contract!(
-            $stored_name, $stored_source, $stored_push, [$(($stored_key, $stored_value)),*], $stored_bindings, $stored_needs
+            $stored_name, $stored_source, $stored_push, [$(($stored_key, $stored_value)),*], $stored_needs
             $(, $stored_constants)?);)*
         $($(#[$meta])* pub const $konst: Contract = contract!(
-            $name, $source, $push, [$(($key, $value)),*], $bindings, $needs $(, $constants)?);)*
+            $name, $source, $push, [$(($key, $value)),*], $needs $(, $constants)?);)*
 
         /// The same variants over maps of halves.
         pub mod halves {
             use super::*;
             $($(#[$stored_meta])* pub const $stored: Contract = contract!(
                 concat!($stored_name, "_f16"), $stored_source, $stored_push,
-                [("SRC_F16", "1"), ("DST_F16", "1") $(, ($stored_key, $stored_value))*], $stored_bindings, $half_needs
+                [("SRC_F16", "1"), ("DST_F16", "1") $(, ($stored_key, $stored_value))*], $half_needs
                 $(, $stored_constants)?);)*
         }
 
@@ -161,231 +87,231 @@ contracts! {
     stored {
         /// Convolution, stride 1, tiles of 32 channels.
         CONV3X3 = "conv3x3" "conv3x3.comp" Conv3x3Push
-            { "STRIDE": "1", "TX": "2", "TY": "2", "NV": "8" } &[], &[], HALVES, DENSE;
+            { "STRIDE": "1", "TX": "2", "TY": "2", "NV": "8" } &[], HALVES, DENSE;
         /// The same for CPU drivers.
         CONV3X3_CPU = "conv3x3_cpu" "conv3x3.comp" Conv3x3Push
-            { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "8", "LANES_SHARE": "1", "TEXELS": "1", "ROLLED": "1" } CONV_TEXELS, CPU, CPU_HALVES, DENSE;
+            { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "8", "LANES_SHARE": "1", "TEXELS": "1", "ROLLED": "1" } CPU, CPU_HALVES, DENSE;
         /// Convolution, stride 2.
         CONV3X3_S2 = "conv3x3_s2" "conv3x3.comp" Conv3x3Push
-            { "STRIDE": "2", "TX": "2", "TY": "2", "NV": "8" } &[], &[], HALVES, DENSE;
+            { "STRIDE": "2", "TX": "2", "TY": "2", "NV": "8" } &[], HALVES, DENSE;
         /// The same for CPU drivers.
         CONV3X3_S2_CPU = "conv3x3_s2_cpu" "conv3x3.comp" Conv3x3Push
-            { "STRIDE": "2", "TX": "4", "TY": "2", "NV": "8", "LANES_SHARE": "1", "TEXELS": "1", "BY_TAP": "1" } CONV_TEXELS, CPU, CPU_HALVES, DENSE;
+            { "STRIDE": "2", "TX": "4", "TY": "2", "NV": "8", "LANES_SHARE": "1", "TEXELS": "1", "BY_TAP": "1" } CPU, CPU_HALVES, DENSE;
         /// Convolution, stride 1, to at most 16 channels.
         CONV3X3_N16 = "conv3x3_n16" "conv3x3.comp" Conv3x3Push
-            { "STRIDE": "1", "TX": "2", "TY": "2", "NV": "4", "PACKED_NV": "8" } &[], &[], HALVES, DENSE;
+            { "STRIDE": "1", "TX": "2", "TY": "2", "NV": "4", "PACKED_NV": "8" } &[], HALVES, DENSE;
         /// The same for CPU drivers.
         CONV3X3_N16_CPU = "conv3x3_n16_cpu" "conv3x3.comp" Conv3x3Push
-            { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "4", "PACKED_NV": "8", "LANES_SHARE": "1", "TEXELS": "1", "ROLLED": "1" } CONV_TEXELS, CPU, CPU_HALVES, DENSE;
+            { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "4", "PACKED_NV": "8", "LANES_SHARE": "1", "TEXELS": "1", "ROLLED": "1" } CPU, CPU_HALVES, DENSE;
         /// Convolution to at most 4 channels.
         CONV3X3_N4 = "conv3x3_n4" "conv3x3.comp" Conv3x3Push
-            { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "1" } &[], &[], HALVES, DENSE;
+            { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "1" } &[], HALVES, DENSE;
         /// The same for CPU drivers.
         CONV3X3_N4_CPU = "conv3x3_n4_cpu" "conv3x3.comp" Conv3x3Push
-            { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "1", "TEXELS": "1" } CONV_TEXELS, CPU, CPU_HALVES, DENSE;
+            { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "1", "TEXELS": "1" } CPU, CPU_HALVES, DENSE;
         /// Convolution by F(2x2, 3x3).
-        WINOGRAD3X3_F2 = "winograd3x3_f2" "winograd3x3.comp" Conv3x3Push { "OUT": "2", "TX": "1", "NV": "2" } &[], &[], HALVES, DENSE;
+        WINOGRAD3X3_F2 = "winograd3x3_f2" "winograd3x3.comp" Conv3x3Push { "OUT": "2", "TX": "1", "NV": "2" } &[], HALVES, DENSE;
         /// The same for CPU drivers.
         WINOGRAD3X3_F2_CPU = "winograd3x3_f2_cpu" "winograd3x3.comp" Conv3x3Push
-            { "OUT": "2", "TX": "2", "NV": "2", "LANES_SHARE": "1", "TEXELS": "1" } CONV_TEXELS, CPU, CPU_HALVES, DENSE;
+            { "OUT": "2", "TX": "2", "NV": "2", "LANES_SHARE": "1", "TEXELS": "1" } CPU, CPU_HALVES, DENSE;
         /// Convolution by F(4x4, 3x3).
-        WINOGRAD3X3_F4 = "winograd3x3_f4" "winograd3x3.comp" Conv3x3Push { "OUT": "4", "TX": "1", "NV": "1" } &[], &[], HALVES, DENSE;
+        WINOGRAD3X3_F4 = "winograd3x3_f4" "winograd3x3.comp" Conv3x3Push { "OUT": "4", "TX": "1", "NV": "1" } &[], HALVES, DENSE;
         /// The same for CPU drivers.
         WINOGRAD3X3_F4_CPU = "winograd3x3_f4_cpu" "winograd3x3.comp" Conv3x3Push
-            { "OUT": "4", "TX": "1", "NV": "2", "LANES_SHARE": "1", "TEXELS": "1" } CONV_TEXELS, CPU, CPU_HALVES, DENSE;
+            { "OUT": "4", "TX": "1", "NV": "2", "LANES_SHARE": "1", "TEXELS": "1" } CPU, CPU_HALVES, DENSE;
         /// Depthwise and pointwise convolution in one, tiles of 32 channels.
-        SEPARABLE3X3 = "separable3x3" "separable3x3.comp" Separable3x3Push { "TX": "2", "TY": "2", "NV": "8" } &[], &[], HALVES, SEPARABLE;
+        SEPARABLE3X3 = "separable3x3" "separable3x3.comp" Separable3x3Push { "TX": "2", "TY": "2", "NV": "8" } &[], HALVES, SEPARABLE;
         /// The same for CPU drivers.
         SEPARABLE3X3_CPU = "separable3x3_cpu" "separable3x3.comp" Separable3x3Push
-            { "TX": "4", "TY": "2", "NV": "8", "LANES_SHARE": "1", "TEXELS": "1" } SEPARABLE_TEXELS, CPU, CPU_HALVES, SEPARABLE;
+            { "TX": "4", "TY": "2", "NV": "8", "LANES_SHARE": "1", "TEXELS": "1" } CPU, CPU_HALVES, SEPARABLE;
         /// Pointwise convolution, tiles of 32 channels.
-        LINEAR = "linear" "linear.comp" LinearPush { "TX": "2", "TY": "2", "NV": "8" } &[], &[], HALVES, DENSE;
+        LINEAR = "linear" "linear.comp" LinearPush { "TX": "2", "TY": "2", "NV": "8" } &[], HALVES, DENSE;
         /// The same for CPU drivers.
         LINEAR_CPU = "linear_cpu" "linear.comp" LinearPush
-            { "TX": "2", "TY": "2", "NV": "8", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES, DENSE;
+            { "TX": "2", "TY": "2", "NV": "8", "LANES_SHARE": "1", "TEXELS": "1" } CPU, CPU_HALVES, DENSE;
         /// Pointwise convolution of normed tokens.
-        LINEAR_NORM = "linear_norm" "linear.comp" LinearPush { "TX": "2", "TY": "2", "NV": "8", "NORM": "1" } &[], &[], HALVES, DENSE;
+        LINEAR_NORM = "linear_norm" "linear.comp" LinearPush { "TX": "2", "TY": "2", "NV": "8", "NORM": "1" } &[], HALVES, DENSE;
         /// Pointwise convolution from 8 channels, held, for CPU drivers.
         LINEAR_K8_CPU = "linear_k8_cpu" "linear_stationary.comp" LinearPush
-            { "TX": "4", "TY": "2", "INPUTS": "2", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES, DENSE;
+            { "TX": "4", "TY": "2", "INPUTS": "2", "LANES_SHARE": "1", "TEXELS": "1" } CPU, CPU_HALVES, DENSE;
         /// Pointwise convolution from 16 channels, held, for CPU drivers.
         LINEAR_K16_CPU = "linear_k16_cpu" "linear_stationary.comp" LinearPush
-            { "TX": "4", "TY": "2", "INPUTS": "4", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES, DENSE;
+            { "TX": "4", "TY": "2", "INPUTS": "4", "LANES_SHARE": "1", "TEXELS": "1" } CPU, CPU_HALVES, DENSE;
         /// The same of normed tokens.
         LINEAR_K16_NORM_CPU = "linear_k16_norm_cpu" "linear_stationary.comp" LinearPush
-            { "TX": "4", "TY": "2", "INPUTS": "4", "NORM": "1", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES, DENSE;
+            { "TX": "4", "TY": "2", "INPUTS": "4", "NORM": "1", "LANES_SHARE": "1", "TEXELS": "1" } CPU, CPU_HALVES, DENSE;
         /// Pointwise convolution from 32 channels, held, for CPU drivers.
         LINEAR_K32_CPU = "linear_k32_cpu" "linear_stationary.comp" LinearPush
-            { "TX": "4", "TY": "2", "INPUTS": "8", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES, DENSE;
+            { "TX": "4", "TY": "2", "INPUTS": "8", "LANES_SHARE": "1", "TEXELS": "1" } CPU, CPU_HALVES, DENSE;
         /// The same of normed tokens.
         LINEAR_K32_NORM_CPU = "linear_k32_norm_cpu" "linear_stationary.comp" LinearPush
-            { "TX": "4", "TY": "2", "INPUTS": "8", "NORM": "1", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES, DENSE;
+            { "TX": "4", "TY": "2", "INPUTS": "8", "NORM": "1", "LANES_SHARE": "1", "TEXELS": "1" } CPU, CPU_HALVES, DENSE;
         /// Pointwise convolution from 64 channels, held, for CPU drivers.
         LINEAR_K64_CPU = "linear_k64_cpu" "linear_stationary.comp" LinearPush
-            { "TX": "2", "TY": "2", "INPUTS": "16", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES, DENSE;
+            { "TX": "2", "TY": "2", "INPUTS": "16", "LANES_SHARE": "1", "TEXELS": "1" } CPU, CPU_HALVES, DENSE;
         /// The same of normed tokens.
         LINEAR_K64_NORM_CPU = "linear_k64_norm_cpu" "linear_stationary.comp" LinearPush
-            { "TX": "2", "TY": "2", "INPUTS": "16", "NORM": "1", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES, DENSE;
+            { "TX": "2", "TY": "2", "INPUTS": "16", "NORM": "1", "LANES_SHARE": "1", "TEXELS": "1" } CPU, CPU_HALVES, DENSE;
         /// The same from two maps.
         LINEAR_K64_TWO_CPU = "linear_k64_two_cpu" "linear_stationary.comp" LinearPush
-            { "TX": "2", "TY": "2", "INPUTS": "16", "TWO_SOURCES": "1", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES, DENSE;
+            { "TX": "2", "TY": "2", "INPUTS": "16", "TWO_SOURCES": "1", "LANES_SHARE": "1", "TEXELS": "1" } CPU, CPU_HALVES, DENSE;
         /// Pointwise convolution of normed tokens from 128 channels, held, for CPU drivers.
         LINEAR_K128_NORM_CPU = "linear_k128_norm_cpu" "linear_stationary.comp" LinearPush
-            { "TX": "2", "TY": "1", "INPUTS": "32", "NORM": "1", "LANES_SHARE": "1", "TEXELS": "1" } LINEAR_TEXELS, CPU, CPU_HALVES, DENSE;
+            { "TX": "2", "TY": "1", "INPUTS": "32", "NORM": "1", "LANES_SHARE": "1", "TEXELS": "1" } CPU, CPU_HALVES, DENSE;
         /// Depthwise convolution.
-        DEPTHWISE3X3 = "depthwise3x3" "depthwise3x3.comp" Depthwise3x3Push { "TX": "4", "TY": "2" } &[], &[], HALVES, DENSE;
+        DEPTHWISE3X3 = "depthwise3x3" "depthwise3x3.comp" Depthwise3x3Push { "TX": "4", "TY": "2" } &[], HALVES, DENSE;
         /// The same for CPU drivers.
         DEPTHWISE3X3_CPU = "depthwise3x3_cpu" "depthwise3x3.comp" Depthwise3x3Push
-            { "TX": "8", "TY": "4", "TEXELS": "1" } MAP_TEXELS, CPU, CPU_HALVES, DENSE;
+            { "TX": "8", "TY": "4", "TEXELS": "1" } CPU, CPU_HALVES, DENSE;
         /// Layer normalisation.
-        LAYER_NORM = "layer_norm" "layer_norm.comp" LayerNormPush {} &[], &[], HALVES;
+        LAYER_NORM = "layer_norm" "layer_norm.comp" LayerNormPush {} &[], HALVES;
         /// The same for CPU drivers.
-        LAYER_NORM_CPU = "layer_norm_cpu" "layer_norm.comp" LayerNormPush { "TEXELS": "1" } MAP_TEXELS, CPU, CPU_HALVES;
+        LAYER_NORM_CPU = "layer_norm_cpu" "layer_norm.comp" LayerNormPush { "TEXELS": "1" } CPU, CPU_HALVES;
         /// Joint window attention.
-        WINDOW_ATTENTION = "window_attention" "window_attention.comp" WindowAttentionPush {} &[], &[], HALVES;
+        WINDOW_ATTENTION = "window_attention" "window_attention.comp" WindowAttentionPush {} &[], HALVES;
         /// The same for CPU drivers.
         WINDOW_ATTENTION_CPU = "window_attention_cpu" "window_attention.comp" WindowAttentionPush
-            { "TEXELS": "1" } ATTENTION_TEXELS, CPU, CPU_HALVES;
+            { "TEXELS": "1" } CPU, CPU_HALVES;
         /// Joint window attention, 8 channels of keys and 16 of values, for CPU drivers.
         WINDOW_ATTENTION_V16_CPU = "window_attention_v16_cpu" "window_attention_rows.comp" WindowAttentionPush
-            { "KEYS": "2", "VALUES": "4", "QUERIES": "2", "LANES_SHARE": "1", "TEXELS": "1" } ATTENTION_TEXELS, CPU, CPU_HALVES;
+            { "KEYS": "2", "VALUES": "4", "QUERIES": "2", "LANES_SHARE": "1", "TEXELS": "1" } CPU, CPU_HALVES;
         /// Joint window attention, 16 channels of keys and 32 of values, for CPU drivers.
         WINDOW_ATTENTION_V32_CPU = "window_attention_v32_cpu" "window_attention_rows.comp" WindowAttentionPush
-            { "KEYS": "4", "VALUES": "8", "QUERIES": "1", "LANES_SHARE": "1", "TEXELS": "1" } ATTENTION_TEXELS, CPU, CPU_HALVES;
+            { "KEYS": "4", "VALUES": "8", "QUERIES": "1", "LANES_SHARE": "1", "TEXELS": "1" } CPU, CPU_HALVES;
         /// Joint window attention, 32 channels of keys and of values a head, for CPU drivers.
         WINDOW_ATTENTION_HEADS_CPU = "window_attention_heads_cpu" "window_attention_rows.comp" WindowAttentionPush
-            { "KEYS": "8", "VALUES": "8", "QUERIES": "1", "LANES_SHARE": "1", "TEXELS": "1" } ATTENTION_TEXELS, CPU, CPU_HALVES;
+            { "KEYS": "8", "VALUES": "8", "QUERIES": "1", "LANES_SHARE": "1", "TEXELS": "1" } CPU, CPU_HALVES;
         /// Joint window attention, 32 channels of keys and 64 of values, for CPU drivers.
         WINDOW_ATTENTION_V64_CPU = "window_attention_v64_cpu" "window_attention_rows.comp" WindowAttentionPush
-            { "KEYS": "8", "VALUES": "16", "QUERIES": "1", "LANES_SHARE": "1", "TEXELS": "1" } ATTENTION_TEXELS, CPU, CPU_HALVES;
+            { "KEYS": "8", "VALUES": "16", "QUERIES": "1", "LANES_SHARE": "1", "TEXELS": "1" } CPU, CPU_HALVES;
         /// A small map made large.
-        EXPAND = "expand" "expand.comp" ExpandPush {} &[], &[], HALVES;
+        EXPAND = "expand" "expand.comp" ExpandPush {} &[], HALVES;
         /// The same for CPU drivers.
-        EXPAND_CPU = "expand_cpu" "expand.comp" ExpandPush { "TEXELS": "1" } SRC_ONLY_TEXELS, CPU, CPU_HALVES;
+        EXPAND_CPU = "expand_cpu" "expand.comp" ExpandPush { "TEXELS": "1" } CPU, CPU_HALVES;
         /// What kernels of pixels are predicted from.
-        KERNEL_INPUTS = "kernel_inputs" "kernel_inputs.comp" KernelInputsPush { "TX": "2" } &[], &[], HALVES;
+        KERNEL_INPUTS = "kernel_inputs" "kernel_inputs.comp" KernelInputsPush { "TX": "2" } &[], HALVES;
         /// The same for CPU drivers.
         KERNEL_INPUTS_CPU = "kernel_inputs_cpu" "kernel_inputs.comp" KernelInputsPush
-            { "TX": "4", "LANES_SHARE": "1", "TEXELS": "1" } KERNEL_INPUTS_TEXELS, CPU, CPU_HALVES;
+            { "TX": "4", "LANES_SHARE": "1", "TEXELS": "1" } CPU, CPU_HALVES;
         /// Zeros.
-        FILL = "fill" "fill.comp" FillPush {} &[], &[], HALVES;
+        FILL = "fill" "fill.comp" FillPush {} &[], HALVES;
         /// Partial sums of tokens.
-        TOKEN_SUM = "token_sum" "token_sum.comp" TokenSumPush {} &[], &[], HALVES;
+        TOKEN_SUM = "token_sum" "token_sum.comp" TokenSumPush {} &[], HALVES;
         /// Features' input.
-        INPUT_AUX = "input_aux" "input_aux.comp" InputAuxPush {} &[], &[], HALVES;
+        INPUT_AUX = "input_aux" "input_aux.comp" InputAuxPush {} &[], HALVES;
         /// Features' input from images.
-        INPUT_AUX_IMAGE = "input_aux_image" "input_aux.comp" InputAuxPush { "IMAGES": "1" } AUX_IMAGES, &[], HALVES;
+        INPUT_AUX_IMAGE = "input_aux_image" "input_aux.comp" InputAuxPush { "IMAGES": "1" } &[], HALVES;
     }
     others {
         /// Convolution, stride 1, from a map of 32-bit floats to one of halves.
         CONV3X3_TO_F16 = "conv3x3_to_f16" "conv3x3.comp" Conv3x3Push
-            { "STRIDE": "1", "TX": "2", "TY": "2", "NV": "8", "DST_F16": "1" } &[], HALVES, DENSE;
+            { "STRIDE": "1", "TX": "2", "TY": "2", "NV": "8", "DST_F16": "1" } HALVES, DENSE;
         /// Convolution to at most 4 channels, from a map of halves to one of 32-bit floats.
         CONV3X3_N4_FROM_F16 = "conv3x3_n4_from_f16" "conv3x3.comp" Conv3x3Push
-            { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "1", "SRC_F16": "1" } &[], &[], DENSE;
+            { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "1", "SRC_F16": "1" } &[], DENSE;
         /// Tokens of 2x2 to pixels.
-        UNEMBED = "unembed" "unembed.comp" UnembedPush { "TX": "4" } &[], &[];
+        UNEMBED = "unembed" "unembed.comp" UnembedPush { "TX": "4" } &[];
         /// The same from a map of halves.
-        UNEMBED_FROM_F16 = "unembed_from_f16" "unembed.comp" UnembedPush { "TX": "4", "SRC_F16": "1" } &[], &[];
+        UNEMBED_FROM_F16 = "unembed_from_f16" "unembed.comp" UnembedPush { "TX": "4", "SRC_F16": "1" } &[];
         /// The same from a map of halves on cooperative matrices.
-        UNEMBED_MATRIX = "unembed_matrix" "unembed_matrix.comp" UnembedPush { "SRC_F16": "1" } &[], MATRICES, UNEMBED_MATRIX_CUT;
+        UNEMBED_MATRIX = "unembed_matrix" "unembed_matrix.comp" UnembedPush { "SRC_F16": "1" } MATRICES, UNEMBED_MATRIX_CUT;
         /// The same for CPU drivers, from a map of either.
         UNEMBED_CPU = "unembed_cpu" "unembed.comp" UnembedPush
-            { "TX": "8", "LANES_SHARE": "1", "TEXELS": "1" } MAP_TEXELS, CPU;
+            { "TX": "8", "LANES_SHARE": "1", "TEXELS": "1" } CPU;
         /// Kernels of every pixel.
-        PREDICT_KERNELS = "predict_kernels" "predict_kernels.comp" PredictKernelsPush { "TX": "2" } &[], &[];
+        PREDICT_KERNELS = "predict_kernels" "predict_kernels.comp" PredictKernelsPush { "TX": "2" } &[];
         /// The same from maps of halves.
         PREDICT_KERNELS_FROM_F16 = "predict_kernels_from_f16" "predict_kernels.comp" PredictKernelsPush
-            { "TX": "2", "SRC_F16": "1" } &[], &[];
+            { "TX": "2", "SRC_F16": "1" } &[];
         /// The same for CPU drivers, from maps of either.
         PREDICT_KERNELS_CPU = "predict_kernels_cpu" "predict_kernels.comp" PredictKernelsPush
-            { "TX": "4", "LANES_SHARE": "1", "TEXELS": "1" } PREDICT_TEXELS, CPU;
+            { "TX": "4", "LANES_SHARE": "1", "TEXELS": "1" } CPU;
         /// Means of 2x2 tokens.
-        HALVE = "halve" "halve.comp" HalvePush {} &[], &[];
+        HALVE = "halve" "halve.comp" HalvePush {} &[];
         /// The same for CPU drivers.
-        HALVE_CPU = "halve_cpu" "halve.comp" HalvePush { "TEXELS": "1" } SRC_ONLY_TEXELS, CPU;
+        HALVE_CPU = "halve_cpu" "halve.comp" HalvePush { "TEXELS": "1" } CPU;
         /// Kernels of every token over images.
-        APPLY_KERNELS = "apply_kernels" "apply_kernels.comp" ApplyKernelsPush {} &[], &[];
+        APPLY_KERNELS = "apply_kernels" "apply_kernels.comp" ApplyKernelsPush {} &[];
         /// The same from logits of halves.
-        APPLY_KERNELS_FROM_F16 = "apply_kernels_from_f16" "apply_kernels.comp" ApplyKernelsPush { "SRC_F16": "1" } &[], &[];
+        APPLY_KERNELS_FROM_F16 = "apply_kernels_from_f16" "apply_kernels.comp" ApplyKernelsPush { "SRC_F16": "1" } &[];
         /// The same for CPU drivers, from logits of either.
-        APPLY_KERNELS_CPU = "apply_kernels_cpu" "apply_kernels.comp" ApplyKernelsPush { "TEXELS": "1" } APPLY_TEXELS, CPU;
+        APPLY_KERNELS_CPU = "apply_kernels_cpu" "apply_kernels.comp" ApplyKernelsPush { "TEXELS": "1" } CPU;
         /// Levels of kernels to one picture.
-        MIX_LEVELS = "mix_levels" "mix_levels.comp" MixLevelsPush {} &[], &[];
+        MIX_LEVELS = "mix_levels" "mix_levels.comp" MixLevelsPush {} &[];
         /// The same for CPU drivers.
-        MIX_LEVELS_CPU = "mix_levels_cpu" "mix_levels.comp" MixLevelsPush { "TEXELS": "1" } MIX_TEXELS, CPU;
+        MIX_LEVELS_CPU = "mix_levels_cpu" "mix_levels.comp" MixLevelsPush { "TEXELS": "1" } CPU;
         /// Convolution on cooperative matrices, stride 1.
         CONV3X3_MATRIX = "conv3x3_matrix" "conv3x3_matrix.comp" Conv3x3Push
-            { "SRC_F16": "1", "DST_F16": "1", "STRIDE": "1" } &[], MATRICES, DENSE_MATRIX_CUT;
+            { "SRC_F16": "1", "DST_F16": "1", "STRIDE": "1" } MATRICES, DENSE_MATRIX_CUT;
         /// Convolution on cooperative matrices, stride 2.
         CONV3X3_S2_MATRIX = "conv3x3_s2_matrix" "conv3x3_matrix.comp" Conv3x3Push
-            { "SRC_F16": "1", "DST_F16": "1", "STRIDE": "2" } &[], MATRICES, DENSE_MATRIX_CUT;
+            { "SRC_F16": "1", "DST_F16": "1", "STRIDE": "2" } MATRICES, DENSE_MATRIX_CUT;
         /// Convolution of the network's input on cooperative matrices.
         CONV3X3_FIRST_MATRIX = "conv3x3_first_matrix" "conv3x3_first_matrix.comp" Conv3x3Push
-            { "DST_F16": "1" } &[], MATRICES, FIRST_MATRIX;
+            { "DST_F16": "1" } MATRICES, FIRST_MATRIX;
         /// Pointwise convolution on cooperative matrices.
         LINEAR_MATRIX = "linear_matrix" "linear_matrix.comp" LinearPush
-            { "SRC_F16": "1", "DST_F16": "1" } &[], MATRICES, DENSE_MATRIX_CUT;
+            { "SRC_F16": "1", "DST_F16": "1" } MATRICES, DENSE_MATRIX_CUT;
         /// The same of normed tokens.
         LINEAR_NORM_MATRIX = "linear_norm_matrix" "linear_matrix.comp" LinearPush
-            { "SRC_F16": "1", "DST_F16": "1", "NORM": "1" } &[], MATRICES, DENSE_MATRIX_CUT;
+            { "SRC_F16": "1", "DST_F16": "1", "NORM": "1" } MATRICES, DENSE_MATRIX_CUT;
         /// Depthwise and pointwise convolution in one on cooperative matrices.
         SEPARABLE3X3_MATRIX = "separable3x3_matrix" "separable3x3_matrix.comp" Separable3x3Push
-            { "SRC_F16": "1", "DST_F16": "1" } &[], MATRICES, SEPARABLE_MATRIX_CUT;
+            { "SRC_F16": "1", "DST_F16": "1" } MATRICES, SEPARABLE_MATRIX_CUT;
         /// The features' projection in one on cooperative matrices.
         AUX_PROJECTION_MATRIX = "aux_projection_matrix" "aux_projection_matrix.comp" AuxProjectionPush
-            { "SRC_F16": "1", "DST_F16": "1" } &[], MATRICES, AUX_MATRIX;
+            { "SRC_F16": "1", "DST_F16": "1" } MATRICES, AUX_MATRIX;
         /// Joint window attention on cooperative matrices.
         WINDOW_ATTENTION_MATRIX = "window_attention_matrix" "window_attention_matrix.comp" WindowAttentionPush
-            { "SRC_F16": "1", "DST_F16": "1" } &[], MATRICES, ATTENTION_MATRIX_CUT;
+            { "SRC_F16": "1", "DST_F16": "1" } MATRICES, ATTENTION_MATRIX_CUT;
         /// FiLM vectors.
-        FILM_VECTOR = "film_vector" "film_vector.comp" FilmVectorPush {} &[], &[];
+        FILM_VECTOR = "film_vector" "film_vector.comp" FilmVectorPush {} &[];
         /// A histogram to zero.
-        STATS_CLEAR = "stats_clear" "stats_clear.comp" StatsClearPush {} &[], &[];
+        STATS_CLEAR = "stats_clear" "stats_clear.comp" StatsClearPush {} &[];
         /// Histogram.
-        STATS_HISTOGRAM = "stats_histogram" "stats_histogram.comp" StatsHistogramPush {} &[], &[];
+        STATS_HISTOGRAM = "stats_histogram" "stats_histogram.comp" StatsHistogramPush {} &[];
         /// Histogram of an image.
         STATS_HISTOGRAM_IMAGE = "stats_histogram_image" "stats_histogram.comp" StatsHistogramPush
-            { "IMAGES": "1" } COLOR_DEPTH_IMAGES, &[];
+            { "IMAGES": "1" } &[];
         /// Median or depth scale.
-        STATS_SELECT = "stats_select" "stats_select.comp" StatsSelectPush {} &[], &[];
+        STATS_SELECT = "stats_select" "stats_select.comp" StatsSelectPush {} &[];
         /// Light and noise of tiles.
-        STATS_TILES = "stats_tiles" "stats_tiles.comp" StatsTilesPush {} &[], &[];
+        STATS_TILES = "stats_tiles" "stats_tiles.comp" StatsTilesPush {} &[];
         /// Light and noise of an image's tiles.
-        STATS_TILES_IMAGE = "stats_tiles_image" "stats_tiles.comp" StatsTilesPush { "IMAGES": "1" } COLOR_IMAGE, &[];
+        STATS_TILES_IMAGE = "stats_tiles_image" "stats_tiles.comp" StatsTilesPush { "IMAGES": "1" } &[];
         /// Key, exposure, noise and largest samples.
-        STATS_KEY = "stats_key" "stats_key.comp" StatsKeyPush {} &[], &[];
+        STATS_KEY = "stats_key" "stats_key.comp" StatsKeyPush {} &[];
         /// Noise of the map's squares.
-        TILE_NOISE = "tile_noise" "tile_noise.comp" TileNoisePush {} &[], &[];
+        TILE_NOISE = "tile_noise" "tile_noise.comp" TileNoisePush {} &[];
         /// The same from images.
-        TILE_NOISE_IMAGE = "tile_noise_image" "tile_noise.comp" TileNoisePush { "IMAGES": "1" } NOISE_IMAGES, &[];
+        TILE_NOISE_IMAGE = "tile_noise_image" "tile_noise.comp" TileNoisePush { "IMAGES": "1" } &[];
         /// Map of what is to be denoised.
-        QUIET_MAP = "quiet_map" "quiet_map.comp" QuietMapPush {} &[], &[];
+        QUIET_MAP = "quiet_map" "quiet_map.comp" QuietMapPush {} &[];
         /// Lists of active tiles.
-        TILE_LIST = "tile_list" "tile_list.comp" TileListPush {} &[], &[];
+        TILE_LIST = "tile_list" "tile_list.comp" TileListPush {} &[];
         /// Colour input.
-        INPUT_COLOR = "input_color" "input_color.comp" InputColorPush {} &[], &[];
+        INPUT_COLOR = "input_color" "input_color.comp" InputColorPush {} &[];
         /// Colour input from an image.
-        INPUT_COLOR_IMAGE = "input_color_image" "input_color.comp" InputColorPush { "IMAGES": "1" } COLOR_IMAGE, &[];
+        INPUT_COLOR_IMAGE = "input_color_image" "input_color.comp" InputColorPush { "IMAGES": "1" } &[];
         /// Output to 32-bit planes.
-        OUTPUT_F32 = "output_f32" "output.comp" OutputPush { "TARGET_F32": "1" } &[], &[];
+        OUTPUT_F32 = "output_f32" "output.comp" OutputPush { "TARGET_F32": "1" } &[];
         /// Output to 16-bit planes.
-        OUTPUT_F16 = "output_f16" "output.comp" OutputPush { "TARGET_F16": "1" } &[], &[Need::Storage16];
+        OUTPUT_F16 = "output_f16" "output.comp" OutputPush { "TARGET_F16": "1" } &[Need::Storage16];
         /// Output to an rgba32f image.
         OUTPUT_IMAGE_F32 = "output_image_f32" "output.comp" OutputPush
-            { "IMAGES": "1", "TARGET_FORMAT": "rgba32f" } OUTPUT_IMAGES, &[];
+            { "IMAGES": "1", "TARGET_FORMAT": "rgba32f" } &[];
         /// Output to an rgba16f image.
         OUTPUT_IMAGE_F16 = "output_image_f16" "output.comp" OutputPush
-            { "IMAGES": "1", "TARGET_FORMAT": "rgba16f", "TARGET_MAX": "65504.0" } OUTPUT_IMAGES, &[];
+            { "IMAGES": "1", "TARGET_FORMAT": "rgba16f", "TARGET_MAX": "65504.0" } &[];
         /// Multiply-adds of 32-bit floats.
-        ROOF_FMA_F32 = "roof_fma_f32" "roof_fma.comp" RoofFmaPush {} &[], &[];
+        ROOF_FMA_F32 = "roof_fma_f32" "roof_fma.comp" RoofFmaPush {} &[];
         /// Multiply-adds of pairs of halves.
-        ROOF_FMA_F16 = "roof_fma_f16" "roof_fma.comp" RoofFmaPush { "HALF": "1" } &[], &[Need::Float16];
+        ROOF_FMA_F16 = "roof_fma_f16" "roof_fma.comp" RoofFmaPush { "HALF": "1" } &[Need::Float16];
         /// Products of matrices of halves.
-        ROOF_MATRIX = "roof_matrix" "roof_matrix.comp" RoofFmaPush {} &[], MATRICES, MATRIX;
+        ROOF_MATRIX = "roof_matrix" "roof_matrix.comp" RoofFmaPush {} MATRICES, MATRIX;
         /// A copy of 32-bit floats.
-        ROOF_COPY_F32 = "roof_copy_f32" "roof_copy.comp" RoofCopyPush {} &[], &[];
+        ROOF_COPY_F32 = "roof_copy_f32" "roof_copy.comp" RoofCopyPush {} &[];
         /// A copy of halves.
-        ROOF_COPY_F16 = "roof_copy_f16" "roof_copy.comp" RoofCopyPush { "SRC_F16": "1", "DST_F16": "1" } &[], HALVES;
+        ROOF_COPY_F16 = "roof_copy_f16" "roof_copy.comp" RoofCopyPush { "SRC_F16": "1", "DST_F16": "1" } HALVES;
     }
 }

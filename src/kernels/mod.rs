@@ -17,7 +17,7 @@ pub mod frame_io;
 pub mod maps;
 pub mod on_matrices;
 pub mod predicted;
-pub mod pushes;
+pub(crate) mod pushes;
 pub mod quiet;
 pub mod separable;
 pub mod spirv;

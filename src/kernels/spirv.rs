@@ -1,6 +1,13 @@
-//! The compiled shaders, embedded.
+//! The compiled shaders, embedded, and what they declare.
 
-use super::contract::Module;
+use super::contract::{Binding, BindingType, Contract, Module};
+
+/// What a variant's shader declares.
+struct Interface {
+    name: &'static str,
+    push_bytes: u32,
+    bindings: &'static [Binding],
+}
 
 include!(concat!(env!("OUT_DIR"), "/shaders/spirv.rs"));
 
@@ -8,6 +15,22 @@ include!(concat!(env!("OUT_DIR"), "/shaders/spirv.rs"));
 /// empty.
 pub fn words(module: &Module) -> &'static [u32] {
     MODULES.iter().find(|(name, _)| *name == module.name).map_or(&[], |(_, words)| words)
+}
+
+impl Contract {
+    fn interface(&self) -> Option<&'static Interface> {
+        INTERFACES.iter().find(|interface| interface.name == self.name)
+    }
+
+    /// The descriptors of set 0, in the order of their binding numbers.
+    pub fn bindings(&self) -> &'static [Binding] {
+        self.interface().map_or(&[], |interface| interface.bindings)
+    }
+
+    /// Size of the push-constant block in bytes.
+    pub fn push_size(&self) -> u32 {
+        self.interface().map_or(0, |interface| interface.push_bytes)
+    }
 }
 
 #[cfg(test)]

@@ -26,7 +26,7 @@ impl Pipeline {
             set_layout: vk::DescriptorSetLayout::null(),
         };
         let bindings: Vec<_> = contract
-            .bindings
+            .bindings()
             .iter()
             .zip(0..)
             .map(|(binding, at)| {
