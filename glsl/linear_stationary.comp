@@ -19,7 +19,7 @@ TEXELS_OF(3, residual)
 TEXELS_OF(4, src_b)
 
 // Input channels whose weights are loaded at a time. All at once are more than the registers hold; fewer are faster where
-// lanes share by broadcast among eight, slower elsewhere (docs/performance.md).
+// lanes share by broadcast among eight, slower elsewhere (docs/lavapipe.md).
 #if defined(BROADCAST) && SHARING == 8
 const int CHUNK = min(4 * INPUTS, 16);
 #else

@@ -67,7 +67,7 @@ impl Quality {
 
     /// How the maps are stored on a device, for [`Options::precision`](crate::Options::precision): as suits it, and of the fastest
     /// quality as halves on CPUs too, which can be told from 32-bit floats by no measure of the picture (`docs/pareto.md`) and
-    /// take less time (`docs/performance.md`).
+    /// take less time (`docs/lavapipe.md`).
     pub fn precision(self, device: &Device) -> Precision {
         let caps = device.caps();
         let halves = self == Self::Fast && caps.kind == DeviceKind::Cpu && caps.meets(Need::Storage16);
