@@ -7,6 +7,7 @@ import vkdenoise
 mitsuba.set_variant("scalar_rgb")
 scene = mitsuba.cornell_box()
 aovs = "albedo:albedo,normal:sh_normal,depth:depth"
+scene["sensor"]["film"]["rfilter"] = {"type": "box"}  # any other spreads a sample's noise over pixels
 scene["integrator"] = {"type": "aov", "aovs": aovs, "image": {"type": "path"}}
 render = numpy.array(mitsuba.render(mitsuba.load_dict(scene), spp=16))
 color, albedo, normal, depth = numpy.split(render, [3, 6, 9], axis=2)

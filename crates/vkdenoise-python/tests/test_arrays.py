@@ -115,6 +115,19 @@ def test_in_place(denoiser: vkdenoise.Denoiser, planes: Planes, clean: numpy.nda
     assert_same_bits(color, clean)
 
 
+def test_in_place_with_alpha(denoiser: vkdenoise.Denoiser, planes: Planes) -> None:
+    """Alpha, and where nothing is, are of the colour as it was."""
+    color = numpy.concatenate([planes["color"], numpy.ones((HEIGHT, WIDTH, 1), numpy.float32)], axis=2)
+    color[4:12, 6:30] = 0
+    wanted = denoiser.denoise(**{**planes, "color": color})
+    both = numpy.zeros((HEIGHT + 3, WIDTH, 4), numpy.float32)
+    both[3:] = color
+    denoiser.denoise(**{**planes, "color": both[3:]}, out=both[:-3])
+    assert_same_bits(both[:-3], wanted)
+    denoiser.denoise(**{**planes, "color": color}, out=color)
+    assert_same_bits(color, wanted)
+
+
 def test_out_that_overlaps_a_plane(denoiser: vkdenoise.Denoiser, planes: Planes, clean: numpy.ndarray) -> None:
     both = numpy.zeros((HEIGHT + 3, WIDTH, 3), numpy.float32)
     both[3:] = planes["color"]

@@ -15,7 +15,7 @@ def run(*arguments: str) -> None:
 
 
 def test_the_stubs_agree_with_the_module() -> None:
-    run("mypy.stubtest", "vkdenoise")
+    run("mypy.stubtest", "vkdenoise._vkdenoise")
 
 
 def test_users_are_checked() -> None:

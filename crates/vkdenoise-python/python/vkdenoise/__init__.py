@@ -11,17 +11,11 @@ from __future__ import annotations
 
 import os
 import threading
-from typing import TYPE_CHECKING, TypeVar, overload
+from collections.abc import Sequence
+from typing import TypeVar, overload
 
+from ._types import Device, Fireflies, FloatArray, Precision, Quality, Readable, SkipMode
 from ._vkdenoise import Denoiser, DeviceError, DeviceInfo, DeviceLostError, Report, devices
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from ._arrays import FloatArray, Readable
-    from ._vkdenoise import Device, Fireflies, Precision, Quality, SkipMode
-
-    Out = TypeVar("Out", bound=Readable)
 
 __all__ = [
     "Denoiser",
@@ -32,6 +26,8 @@ __all__ = [
     "denoise",
     "devices",
 ]
+
+_Out = TypeVar("_Out", bound=Readable)
 
 _lock = threading.Lock()
 _last: tuple[tuple[object, ...], Denoiser] | None = None
@@ -108,7 +104,7 @@ def denoise(
     normal: Readable | None = ...,
     depth: Readable | None = ...,
     *,
-    out: Out,
+    out: _Out,
     quality: Quality = ...,
     weights: str | os.PathLike[str] | None = ...,
     precision: Precision = ...,
@@ -122,7 +118,7 @@ def denoise(
     samples: Readable | None = ...,
     memory_budget: int | None = ...,
     device: Device | None = ...,
-) -> Out: ...
+) -> _Out: ...
 def denoise(
     color: Readable,
     albedo: Readable | None = None,

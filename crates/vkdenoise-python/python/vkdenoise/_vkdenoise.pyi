@@ -1,16 +1,10 @@
 import os
 from collections.abc import Sequence
-from typing import Literal, TypeVar, Union, final, overload
+from typing import TypeVar, final, overload
 
-from typing_extensions import TypeAlias
+from ._types import Device, Fireflies, FloatArray, Precision, Quality, Readable, SkipMode
 
-from ._arrays import FloatArray, Readable
-
-Quality: TypeAlias = Literal["fast", "balanced", "high"]
-Precision: TypeAlias = Literal["auto", "fp32", "fp16", "matrix"]
-Fireflies: TypeAlias = Literal["auto", "keep", "mend"]
-SkipMode: TypeAlias = Literal["approximate", "exact"]
-Device: TypeAlias = Union[int, str]
+__all__ = ["Denoiser", "DeviceError", "DeviceInfo", "DeviceLostError", "Report", "devices"]
 
 _Out = TypeVar("_Out", bound=Readable)
 
