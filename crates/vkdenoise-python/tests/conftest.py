@@ -87,4 +87,5 @@ def command_line(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., nump
 def assert_same_bits(found: numpy.ndarray, wanted: numpy.ndarray) -> None:
     assert found.dtype == wanted.dtype
     assert found.shape == wanted.shape
-    assert numpy.array_equal(found.view(f"u{found.itemsize}"), wanted.view(f"u{wanted.itemsize}"))
+    differ = found.view(f"u{found.itemsize}") != wanted.view(f"u{wanted.itemsize}")
+    assert not differ.any(), f"{differ.sum()} of {differ.size} samples differ, the first at {tuple(numpy.argwhere(differ)[0])}"
