@@ -33,6 +33,29 @@ impl<'py> Floats<'py> {
         Self::typed(array).map_err(|array| wrong_type(name, &array))
     }
 
+    /// An argument as an array that can be written.
+    pub fn view_to_write(name: &str, object: &Bound<'py, PyAny>) -> PyResult<Self> {
+        let array = Self::view(name, object)?;
+        if array.is_writable()? {
+            return Ok(array);
+        }
+        // Whoever has an older DLPack cannot say that it may be written to; numpy's own way may.
+        if object.hasattr("__array__")? {
+            let other = object.py().import("numpy")?.call_method1("asarray", (object,))?;
+            if let Ok(other) = Self::typed(other)
+                && other.address() == array.address()
+                && other.is_writable()?
+            {
+                return Ok(other);
+            }
+        }
+        Err(PyValueError::new_err(format!("{name} is read-only; give an array that can be written, or none")))
+    }
+
+    fn is_writable(&self) -> PyResult<bool> {
+        self.untyped().as_any().getattr("flags")?.getattr("writeable")?.extract()
+    }
+
     fn typed(array: Bound<'py, PyAny>) -> Result<Self, Bound<'py, PyAny>> {
         let array = match array.cast_into() {
             Ok(floats) => return Ok(Self::F32(floats)),
@@ -67,8 +90,8 @@ impl<'py> Floats<'py> {
         }
     }
 
-    /// Where the samples of rows, pixels and channels lie; `None` where that is not a whole number of samples from the first one
-    /// forward.
+    /// Where the samples of rows, pixels and channels lie; `None` where that is not a whole number of samples from the
+    /// first one forward.
     pub fn span(&self) -> Option<Span> {
         let bytes = self.sample_bytes();
         if !self.address().is_multiple_of(bytes) {
@@ -132,7 +155,9 @@ impl<'py> Input<'py> {
             [rows, columns, 3] if [*rows, *columns] == [height, width] => Self::of(array),
             shape => {
                 let hint = match shape {
-                    [_, _, channels] if *channels > 3 => format!("; {name}[..., :3] has the first three of its channels"),
+                    [_, _, channels] if *channels > 3 => {
+                        format!("; {name}[..., :3] has the first three of its channels")
+                    }
                     _ => String::new(),
                 };
                 Err(PyValueError::new_err(format!(
@@ -163,7 +188,8 @@ impl<'py> Input<'py> {
             Some(span) => Ok(Self { array, span }),
             None => {
                 let array = array.copied()?;
-                let span = array.span().ok_or_else(|| PyValueError::new_err("numpy's copy of an array is not dense"))?;
+                let span =
+                    array.span().ok_or_else(|| PyValueError::new_err("numpy's copy of an array is not dense"))?;
                 Ok(Self { array, span })
             }
         }
@@ -201,8 +227,8 @@ impl<'py> Input<'py> {
     /// The samples as the library takes them.
     pub fn plane(&self) -> Plane<'_> {
         let Span { layout, samples } = self.span;
-        // SAFETY, of both: numpy owns so many samples from the first one on, in line, as `Floats::span` has found; `self` keeps the
-        // array. That nobody writes to it or resizes it meanwhile is the caller's part, as the documentation says.
+        // SAFETY, of both: numpy owns so many samples from the first one on, in line, as `Floats::span` has found;
+        // `self` keeps the array. That nobody writes to it or resizes it meanwhile is the caller's part, as documented.
         match &self.array {
             Floats::F32(array) => Plane::f32(unsafe { std::slice::from_raw_parts(array.data(), samples) }, layout),
             Floats::F16(array) => Plane::f16(unsafe { std::slice::from_raw_parts(array.data(), samples) }, layout),
@@ -217,8 +243,8 @@ fn from_dlpack<'py>(name: &str, object: &Bound<'py, PyAny>) -> PyResult<Bound<'p
     let (device, _): (i64, i64) = object.call_method0("__dlpack_device__")?.extract()?;
     if !HOST_DEVICES.contains(&device) {
         return Err(PyValueError::new_err(format!(
-            "{name} is not in the CPU's memory (DLPack device type {device}); copy it there first, as {name}.cpu() does in \
-             torch"
+            "{name} is not in the CPU's memory (DLPack device type {device}); copy it there first, as {name}.cpu() \
+             does in torch"
         )));
     }
     let py = object.py();

@@ -21,8 +21,8 @@ pub struct Report {
     exposure: f32,
     /// Milliseconds on the device; None where it has no timestamps.
     gpu_ms: Option<f64>,
-    /// Milliseconds of the library's whole call: copies, device, wait. The first call of a size also plans, allocates and
-    /// compiles.
+    /// Milliseconds of the library's whole call: copies, device, wait. The first call of a size also plans, allocates
+    /// and compiles.
     total_ms: f64,
     /// Share of the whole frame's work that was done: less than 1 for a region and where something was skipped.
     work: f64,
@@ -43,6 +43,11 @@ impl Report {
 }
 
 /// A network on a device, kept between frames. Threads may share it: their calls take turns.
+///
+/// Its options are those of `vkdenoise.denoise` that are not a frame's own, with the same errors, and:
+///     keep_features  keeps what depends on albedo, normal and depth alone, for `features_unchanged`; more memory.
+///     cache          where compiled kernels are kept for the next process: a folder, "user" (vkdenoise in the user's
+///                    folder for such files) or "off".
 #[pyclass(frozen, module = "vkdenoise")]
 pub struct Denoiser {
     inner: ManuallyDrop<Mutex<vkdenoise::Denoiser>>,
@@ -98,8 +103,12 @@ impl Denoiser {
     }
 
     /// Denoises a frame.
-    #[pyo3(signature = (color, albedo=None, normal=None, depth=None, *, out=None, exposure=None, fireflies="auto", region=None,
-        variance=None, samples=None, features_unchanged=false))]
+    ///
+    /// Its planes and options, what it returns and its errors are those of `vkdenoise.denoise`, and:
+    ///     features_unchanged  albedo, normal and depth are those of the last call without this, and not looked at, for
+    ///                         less work and the same bits; for denoisers made with `keep_features`.
+    #[pyo3(signature = (color, albedo=None, normal=None, depth=None, *, out=None, exposure=None, fireflies="auto",
+        region=None, variance=None, samples=None, features_unchanged=false))]
     #[allow(clippy::too_many_arguments, reason = "keywords")]
     fn denoise<'py>(
         &self,
@@ -162,7 +171,7 @@ impl Denoiser {
         output.finish(part)
     }
 
-    /// The device memory that a frame takes, in bytes.
+    /// The device memory that a frame of this size takes, in bytes: nothing is allocated.
     fn memory_required(&self, py: Python<'_>, height: u32, width: u32) -> PyResult<u64> {
         self.check_process()?;
         let required = py.detach(|| {
@@ -208,7 +217,7 @@ impl Denoiser {
             return Ok(());
         }
         Err(PyRuntimeError::new_err(
-            "this Denoiser was made before a fork, and its device stayed with the parent: make a new one in this process",
+            "this Denoiser was made before a fork, and its device stayed with the parent: make a new one here",
         ))
     }
 }

@@ -30,19 +30,17 @@ impl<'py> Output<'py> {
 
     /// The caller's array; `inputs` are read at the same time.
     pub fn given(object: &Bound<'py, PyAny>, inputs: &[&Input<'py>]) -> PyResult<Self> {
-        let array = Floats::view("out", object)?;
+        let array = Floats::view_to_write("out", object)?;
         let wanted = inputs.first().map_or(&[][..], |color| color.array().shape());
         if array.shape() != wanted {
             let (found, wanted) = (tuple(array.shape()), tuple(wanted));
             return Err(PyValueError::new_err(format!("out has shape {found}; color's, {wanted}, is wanted")));
         }
-        let flags = array.untyped().as_any().getattr("flags")?;
-        if !flags.getattr("writeable")?.extract::<bool>()? {
-            return Err(PyValueError::new_err("out is read-only; give an array that can be written, or none"));
-        }
         let sizes = array.shape().iter().zip(array.untyped().strides());
         if sizes.into_iter().any(|(&size, &stride)| size > 1 && stride == 0) {
-            return Err(PyValueError::new_err("out is broadcast, several of its pixels are one; give one with its own"));
+            return Err(PyValueError::new_err(
+                "out is broadcast, several of its pixels are one; give one with its own",
+            ));
         }
         let in_place = array.span().filter(|span| {
             let addresses = array.addresses(span);
@@ -102,8 +100,8 @@ pub fn reborrow<'a>(plane: &'a mut PlaneMut<'_>) -> PlaneMut<'a> {
     }
 }
 
-/// Passes a colour's alpha on to a result, and leaves pixels black that have neither colour nor alpha: outside of a cut-out
-/// there is no noise.
+/// Passes a colour's alpha on to a result, and leaves pixels black that have neither colour nor alpha: outside of a
+/// cut-out there is no noise.
 pub fn keep_alpha(color: &Plane, output: &mut PlaneMut, region: Region) {
     let from = |x: usize, y: usize, channel: usize| {
         let layout = &color.layout;

@@ -88,4 +88,6 @@ def assert_same_bits(found: numpy.ndarray, wanted: numpy.ndarray) -> None:
     assert found.dtype == wanted.dtype
     assert found.shape == wanted.shape
     differ = found.view(f"u{found.itemsize}") != wanted.view(f"u{wanted.itemsize}")
-    assert not differ.any(), f"{differ.sum()} of {differ.size} samples differ, the first at {tuple(numpy.argwhere(differ)[0])}"
+    assert not differ.any(), (
+        f"{differ.sum()} of {differ.size} samples differ, the first at {tuple(numpy.argwhere(differ)[0])}"
+    )

@@ -52,7 +52,10 @@ def test_what_a_call_did(planes: Planes) -> None:
     assert_same_bits(denoiser.denoise(**planes, exposure=report.exposure), first)
     denoiser.denoise(**planes, region=(0, 0, 8, 8))
     assert denoiser.report is not None and denoiser.report.work < 1
-    assert (denoiser.quality, denoiser.precision) == ("high", "fp32" if denoiser.device.kind == "CPU" else denoiser.precision)
+    assert (denoiser.quality, denoiser.precision) == (
+        "high",
+        "fp32" if denoiser.device.kind == "CPU" else denoiser.precision,
+    )
     assert repr(denoiser).startswith('Denoiser(quality="high", precision=')
     assert denoiser.device.name in repr(denoiser)
 

@@ -24,7 +24,10 @@ def zeros(*shape: int, dtype: Any = F) -> numpy.ndarray:
 @pytest.mark.parametrize(
     ("planes_of", "message"),
     [
-        ({"color": zeros(4, 5)}, "color has shape (4, 5); (height, width, 3) is wanted, or (height, width, 4) with alpha"),
+        (
+            {"color": zeros(4, 5)},
+            "color has shape (4, 5); (height, width, 3) is wanted, or (height, width, 4) with alpha",
+        ),
         ({"color": zeros(4)}, "color has shape (4,); (height, width, 3)"),
         ({"color": zeros(4, 5, 2)}, "color has shape (4, 5, 2)"),
         ({"color": zeros(4, 5, 5)}, "color has shape (4, 5, 5)"),
@@ -32,10 +35,16 @@ def zeros(*shape: int, dtype: Any = F) -> numpy.ndarray:
         ({"color": zeros(3, 4, 5)}, "numpy.moveaxis(color, 0, -1) brings its channels last"),
         ({"color": zeros(0, 5, 3)}, "color has shape (0, 5, 3)"),
         ({"color": zeros(4, 0, 3)}, "color has shape (4, 0, 3)"),
-        ({"albedo": zeros(5, 4, 3)}, "albedo has shape (5, 4, 3); (4, 5, 3) is wanted, as color has 4 rows of 5 pixels"),
+        (
+            {"albedo": zeros(5, 4, 3)},
+            "albedo has shape (5, 4, 3); (4, 5, 3) is wanted, as color has 4 rows of 5 pixels",
+        ),
         ({"albedo": zeros(4, 5)}, "albedo has shape (4, 5); (4, 5, 3) is wanted"),
         ({"normal": zeros(4, 5, 4)}, "normal[..., :3] has the first three of its channels"),
-        ({"depth": zeros(5, 4)}, "depth has shape (5, 4); (4, 5) is wanted, or (4, 5, 1), as color has 4 rows of 5 pixels"),
+        (
+            {"depth": zeros(5, 4)},
+            "depth has shape (5, 4); (4, 5) is wanted, or (4, 5, 1), as color has 4 rows of 5 pixels",
+        ),
         ({"depth": zeros(4, 5, 3)}, "depth has shape (4, 5, 3)"),
         ({"variance": zeros(4, 5, 3)}, "variance has shape (4, 5, 3)"),
         ({"samples": zeros(4)}, "samples has shape (4,)"),
@@ -60,14 +69,24 @@ def test_values_that_cannot_be(denoiser: vkdenoise.Denoiser, planes_of: dict[str
 
 @pytest.mark.parametrize(
     ("plane", "dtype"),
-    [("color", "f8"), ("color", "u1"), ("albedo", "f8"), ("normal", "i4"), ("depth", ">f4"), ("out", "f8"), ("color", "O")],
+    [
+        ("color", "f8"),
+        ("color", "u1"),
+        ("albedo", "f8"),
+        ("normal", "i4"),
+        ("depth", ">f4"),
+        ("out", "f8"),
+        ("color", "O"),
+    ],
 )
 def test_types_that_cannot_be(denoiser: vkdenoise.Denoiser, plane: str, dtype: str) -> None:
     planes = {"color": zeros(4, 5, 3), plane: zeros(4, 5, 3, dtype=dtype)}
     with pytest.raises(TypeError) as raised:
         denoiser.denoise(**planes)
     named = numpy.dtype(dtype)
-    assert f"{plane} has dtype {named}; float32 or float16 is wanted, as {plane}.astype(numpy.float32)" in str(raised.value)
+    assert f"{plane} has dtype {named}; float32 or float16 is wanted, as {plane}.astype(numpy.float32)" in str(
+        raised.value
+    )
 
 
 def test_what_is_no_array(denoiser: vkdenoise.Denoiser) -> None:
@@ -101,7 +120,13 @@ def test_options_that_cannot_be(keywords: dict[str, Any], message: str) -> None:
 
 
 def test_wrong_keywords(denoiser: vkdenoise.Denoiser) -> None:
-    for keywords in [{"exposure": "auto"}, {"region": 3}, {"region": (1, 2, 3)}, {"fireflies": 1}, {"aov": zeros(4, 5, 3)}]:
+    for keywords in [
+        {"exposure": "auto"},
+        {"region": 3},
+        {"region": (1, 2, 3)},
+        {"fireflies": 1},
+        {"aov": zeros(4, 5, 3)},
+    ]:
         with pytest.raises((TypeError, ValueError)):
             denoiser.denoise(zeros(4, 5, 3), **keywords)
     with pytest.raises(TypeError):
@@ -109,14 +134,18 @@ def test_wrong_keywords(denoiser: vkdenoise.Denoiser) -> None:
 
 
 def test_devices_that_are_not_there() -> None:
-    assert issubclass(vkdenoise.DeviceLostError, vkdenoise.DeviceError) and issubclass(vkdenoise.DeviceError, RuntimeError)
+    assert issubclass(vkdenoise.DeviceLostError, vkdenoise.DeviceError) and issubclass(
+        vkdenoise.DeviceError, RuntimeError
+    )
     for device in [99, "voodoo"]:
         with pytest.raises(vkdenoise.DeviceError, match=f"no Vulkan device matches '{device}'; there are: 0: "):
             vkdenoise.Denoiser(device=device)
 
 
 def test_without_a_driver() -> None:
-    program = "import vkdenoise, numpy\nassert vkdenoise.devices() == []\nvkdenoise.denoise(numpy.zeros((4, 4, 3), 'f4'))"
+    program = (
+        "import vkdenoise, numpy\nassert vkdenoise.devices() == []\nvkdenoise.denoise(numpy.zeros((4, 4, 3), 'f4'))"
+    )
     nothing = {**os.environ, "VK_DRIVER_FILES": "/nowhere.json", "VK_ICD_FILENAMES": "/nowhere.json"}
     done = subprocess.run([sys.executable, "-c", program], env=nothing, capture_output=True, text=True)
     assert "vkdenoise.DeviceError: no usable Vulkan device" in done.stderr
@@ -144,9 +173,7 @@ def test_a_frame_beyond_the_budget(planes: Planes) -> None:
     assert (out == 7).all()
 
 
-def test_a_call_that_failed_changes_nothing(
-    denoiser: vkdenoise.Denoiser, planes: Planes, clean: numpy.ndarray
-) -> None:
+def test_a_call_that_failed_changes_nothing(denoiser: vkdenoise.Denoiser, planes: Planes, clean: numpy.ndarray) -> None:
     with pytest.raises(ValueError):
         denoiser.denoise(**planes, exposure=-1.0, region=(0, 0, 8, 8))
     assert numpy.array_equal(denoiser.denoise(**planes), clean)

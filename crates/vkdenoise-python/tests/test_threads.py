@@ -17,7 +17,7 @@ import vkdenoise
 
 
 def test_other_threads_go_on(planes: Planes) -> None:
-    """While a frame is denoised: with the interpreter's lock held, nothing would run from the call's begin to its end."""
+    """While a frame is denoised: with the interpreter's lock held, nothing else would run for the whole call."""
     denoiser = vkdenoise.Denoiser()
     color = numpy.tile(planes["color"], (4, 4, 1))
     denoiser.denoise(color)
