@@ -25,4 +25,8 @@ mod _vkdenoise {
     use crate::devices::{DeviceInfo, devices};
     #[pymodule_export]
     use crate::error::{DeviceError, DeviceLostError};
+
+    #[pymodule_export]
+    #[expect(non_upper_case_globals, reason = "Python's name for it")]
+    const __version__: &str = env!("CARGO_PKG_VERSION");
 }

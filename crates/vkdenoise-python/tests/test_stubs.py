@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib.metadata
 import subprocess
 import sys
 from pathlib import Path
@@ -26,6 +27,10 @@ def test_users_are_checked() -> None:
 def test_the_package_says_that_it_is_typed() -> None:
     folder = Path(vkdenoise.__file__).parent
     assert (folder / "py.typed").exists() and (folder / "_vkdenoise.pyi").exists()
+
+
+def test_the_version_is_the_packages() -> None:
+    assert vkdenoise.__version__ == importlib.metadata.version("vkdenoise")
 
 
 def test_everything_is_described() -> None:

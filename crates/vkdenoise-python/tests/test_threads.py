@@ -81,6 +81,22 @@ def test_the_function_keeps_its_denoiser(planes: Planes, monkeypatch: pytest.Mon
     assert [options["precision"] for options in made] == ["auto", "fp16", "auto"]
 
 
+def test_a_lost_device_is_opened_again(planes: Planes, clean: numpy.ndarray, monkeypatch: pytest.MonkeyPatch) -> None:
+    class Lost:
+        def __init__(self, **options: object) -> None:
+            pass
+
+        def denoise(self, *planes: object, **options: object) -> None:
+            raise vkdenoise.DeviceLostError("the Vulkan device was lost")
+
+    monkeypatch.setattr(vkdenoise, "_last", None)
+    with monkeypatch.context() as lost:
+        lost.setattr(vkdenoise, "Denoiser", Lost)
+        with pytest.raises(vkdenoise.DeviceLostError):
+            vkdenoise.denoise(**planes)
+    assert_same_bits(vkdenoise.denoise(**planes), clean)
+
+
 FORKS = """
 import os, numpy, vkdenoise
 color = numpy.random.default_rng(1).random((24, 32, 3), numpy.float32)

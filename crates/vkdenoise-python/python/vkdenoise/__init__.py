@@ -16,7 +16,7 @@ from collections.abc import Sequence
 from typing import TypeVar, overload
 
 from ._types import Device, Fireflies, FloatArray, Precision, Quality, Readable, SkipMode
-from ._vkdenoise import Denoiser, DeviceError, DeviceInfo, DeviceLostError, Report, devices
+from ._vkdenoise import Denoiser, DeviceError, DeviceInfo, DeviceLostError, Report, __version__, devices
 
 __all__ = [
     "Denoiser",
@@ -24,6 +24,7 @@ __all__ = [
     "DeviceInfo",
     "DeviceLostError",
     "Report",
+    "__version__",
     "denoise",
     "devices",
 ]

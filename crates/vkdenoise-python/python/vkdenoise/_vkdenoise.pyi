@@ -4,7 +4,9 @@ from typing import TypeVar, final, overload
 
 from ._types import Device, Fireflies, FloatArray, Precision, Quality, Readable, SkipMode
 
-__all__ = ["Denoiser", "DeviceError", "DeviceInfo", "DeviceLostError", "Report", "devices"]
+__all__ = ["Denoiser", "DeviceError", "DeviceInfo", "DeviceLostError", "Report", "__version__", "devices"]
+
+__version__: str
 
 _Out = TypeVar("_Out", bound=Readable)
 
