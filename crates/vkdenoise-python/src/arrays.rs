@@ -4,6 +4,7 @@ use half::f16;
 use numpy::{PyArrayDyn, PyArrayMethods, PyUntypedArray, PyUntypedArrayMethods};
 use pyo3::exceptions::{PyTypeError, PyValueError};
 use pyo3::prelude::*;
+use pyo3::types::PyTuple;
 use vkdenoise::{Extent, Layout, Plane};
 
 /// An array of 32- or 16-bit floats.
@@ -116,6 +117,14 @@ impl<'py> Floats<'py> {
         let copy = numpy.call_method1("array", (self.untyped(),))?;
         let dense = numpy.call_method1("ascontiguousarray", (copy,))?;
         Self::typed(dense).map_err(|array| wrong_type("the copy", &array))
+    }
+
+    /// A dense array of the same shape and sample type, all 0.
+    pub fn dense(&self) -> PyResult<Self> {
+        let array = self.untyped();
+        let shape = PyTuple::new(array.py(), array.shape())?;
+        let zeros = array.py().import("numpy")?.call_method1("zeros", (shape, array.dtype()))?;
+        Self::typed(zeros).map_err(|array| wrong_type("the new array", &array))
     }
 
     /// Addresses of what a span covers.

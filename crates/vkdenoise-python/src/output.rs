@@ -2,7 +2,7 @@
 
 use crate::arrays::{Floats, Input, Span, tuple};
 use half::f16;
-use numpy::{PyArrayDyn, PyArrayMethods, PyUntypedArrayMethods};
+use numpy::{PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PySlice;
@@ -22,7 +22,7 @@ impl<'py> Output<'py> {
     pub fn new(color: &Input<'py>, region: Option<Region>) -> PyResult<Self> {
         let written = match region {
             Some(_) => color.array().copied()?,
-            None => dense(color.array(), color.array().shape()),
+            None => color.array().dense()?,
         };
         let result = written.untyped().as_any().clone();
         Self::of(written, None, result)
@@ -48,7 +48,7 @@ impl<'py> Output<'py> {
         });
         match in_place {
             Some(span) => Ok(Self { written: array, span, copied_to: None, result: object.clone() }),
-            None => Self::of(dense(&array, array.shape()), Some(array), object.clone()),
+            None => Self::of(array.dense()?, Some(array), object.clone()),
         }
     }
 
@@ -81,14 +81,6 @@ impl<'py> Output<'py> {
             to.untyped().as_any().set_item(part, from)?;
         }
         Ok(self.result)
-    }
-}
-
-/// A dense array of another's sample type.
-fn dense<'py>(like: &Floats<'py>, shape: &[usize]) -> Floats<'py> {
-    match like {
-        Floats::F32(array) => Floats::F32(PyArrayDyn::zeros(array.py(), shape, false)),
-        Floats::F16(array) => Floats::F16(PyArrayDyn::zeros(array.py(), shape, false)),
     }
 }
 

@@ -173,6 +173,13 @@ def test_a_frame_beyond_the_budget(planes: Planes) -> None:
     assert (out == 7).all()
 
 
+def test_frames_that_fit_nowhere(denoiser: vkdenoise.Denoiser) -> None:
+    """Their planes are one number each, broadcast."""
+    for shape in [(1 << 20, 1 << 20, 3), (1 << 31, 1 << 20, 3), (1 << 33, 2, 3)]:
+        with pytest.raises((MemoryError, ValueError)):
+            denoiser.denoise(numpy.broadcast_to(F(1), shape))
+
+
 def test_a_call_that_failed_changes_nothing(denoiser: vkdenoise.Denoiser, planes: Planes, clean: numpy.ndarray) -> None:
     with pytest.raises(ValueError):
         denoiser.denoise(**planes, exposure=-1.0, region=(0, 0, 8, 8))
