@@ -42,9 +42,6 @@ layout(push_constant) uniform Push {
 #include "shared/samples.glsl"
 #include "shared/mend.glsl"
 
-// The network's range, exposed: emitters of training reach it, the noise of one sample a pixel hardly does.
-const float RANGE = 2048.0;
-
 void main() {
     uint slot = group_index();
     if (slot >= tiles_of(tile_count, flags, tiles)) return;

@@ -39,6 +39,7 @@ layout(push_constant) uniform Push {
 };
 
 const uint FLAG_GATED = 2u;
+const uint FLAG_NO_ALBEDO = 4u;
 
 // Four tokens of a level around a pixel, and how near they are.
 struct Around {
@@ -71,6 +72,7 @@ void main() {
     uint pixel = at.y * width + at.x;
     uint from = pixel * pixels_stride;
     vec4 albedo = LOAD(pixels, from + images);
+    if ((flags & FLAG_NO_ALBEDO) != 0u) albedo.xyz = vec3(1.0);
     vec4 shares = LOAD(pixels, from + images + 1u);
     Around place_0 = around(at, 0u);
     Around place_1 = around(at, 1u);

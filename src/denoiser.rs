@@ -11,6 +11,7 @@ use crate::options::{Exposure, FrameOptions, Options, Precision, Report};
 use crate::pass::Pass;
 use crate::plan::active::ActiveTiles;
 use crate::profile::KernelRecord;
+use crate::signals::{self, Signal};
 use crate::target::Target;
 use crate::vk::device::Device;
 use crate::vk::statistics::PipelineStatistic;
@@ -162,15 +163,31 @@ impl Denoiser {
     /// [`Error::EmptyFrame`], [`Error::PlaneMismatch`], [`Error::InvalidOption`] for a region that leaves the frame and for
     /// unchanged features of which nothing is kept, [`Error::FrameTooLarge`], [`Error::OutOfMemory`], [`Error::DeviceLost`], [`Error::Vulkan`]; [`Error::Binding`] on a
     /// renderer's device, which has no queue of ours. The output is untouched then.
-    pub fn denoise(&mut self, frame: &Frame, mut output: PlaneMut) -> Result<Report> {
+    pub fn denoise(&mut self, frame: &Frame, output: PlaneMut) -> Result<Report> {
+        self.denoise_with(frame, output, &mut [])
+    }
+
+    /// The same, with signals that go through the kernels of the frame's colour, any number of them: parts of its light whose sums then
+    /// hold, other layers, alpha ([`crate::signals`]).
+    ///
+    /// # Errors
+    /// As [`Denoiser::denoise`]; [`Error::InvalidOption`] where the denoiser was made without [`Options::signals`], and for a signal
+    /// of a number of channels that its kind does not have. All outputs are untouched then.
+    pub fn denoise_with(&mut self, frame: &Frame, mut output: PlaneMut, signals: &mut [Signal]) -> Result<Report> {
         frame.check()?;
         output.check("output", frame.extent, 3)?;
         self.check_region(frame.extent)?;
+        if !signals.is_empty() && !self.engine.target.signals {
+            return Err(signals::not_asked_for());
+        }
+        signals.iter().try_for_each(|signal| signal.check(frame.extent))?;
         let started = Instant::now();
         let (profiling, (pass, options)) = (self.profiling, self.host_pass(frame.extent)?);
         pass.write_color(|extent, packed| frame.color.pack(extent, 3, packed));
+        pass.write_signals(signals)?;
         let report = pass.run(&frame.features, &options, profiling, started)?;
         pass.read(&mut output, options.region);
+        pass.read_signals(signals, options.region);
         Ok(report)
     }
 
@@ -184,6 +201,7 @@ impl Denoiser {
         let started = Instant::now();
         let (profiling, (pass, options)) = (self.profiling, self.host_pass(extent)?);
         pass.write_color(|extent, packed| color.pack(extent, 3, packed));
+        pass.write_signals(&[])?;
         let report = pass.run(features, &options, profiling, started)?;
         pass.read(&mut color, options.region);
         Ok(report)

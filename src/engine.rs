@@ -8,6 +8,7 @@ use crate::net::weights::{ExposureRule, Weights, WeightsError};
 use crate::options::Options;
 use crate::pipelines::Pipelines;
 use crate::plan::{Place, Plan, plan};
+use crate::signals;
 use crate::target::Target;
 use crate::vk::device::Device;
 use crate::vk::memory::Buffer;
@@ -35,6 +36,9 @@ impl Engine {
 
     /// The same for another target than the device's own.
     pub fn for_target(device: &Device, weights: &Weights, options: &Options, target: Target) -> Result<Self> {
+        if target.signals {
+            signals::check_head(weights.arch())?;
+        }
         let graph = Graph::new(weights.arch()).map_err(WeightsError::from)?;
         // The packing is the same at every size.
         let smallest = plan(&graph, Extent::new(1, 1), &target)?;

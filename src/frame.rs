@@ -211,7 +211,7 @@ impl<'a> Plane<'a> {
         Self { samples: Samples::F16(samples), layout }
     }
 
-    fn check(&self, plane: &'static str, extent: Extent, channels: usize) -> Result<()> {
+    pub(crate) fn check(&self, plane: &'static str, extent: Extent, channels: usize) -> Result<()> {
         self.layout.check(plane, extent, channels, self.samples.len())
     }
 

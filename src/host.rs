@@ -3,6 +3,7 @@
 use crate::engine::Engine;
 use crate::error::{Error, Result};
 use crate::frame::{Extent, Features, Layout, Noise, PlaneMut, Region};
+use crate::host_signals::SignalPlanes;
 use crate::kernels::quiet::NoiseKind;
 use crate::kernels::stats::{EXPOSURE, STATS_FLOATS};
 use crate::memory::{MemoryRequired, input_bytes, output_bytes, plane_bytes};
@@ -11,6 +12,7 @@ use crate::pass::{Binding, Pass};
 use crate::plan::active::{ActiveTiles, Work};
 use crate::profile::{KernelRecord, Profiler};
 use crate::renderer::{BufferFrame, BufferPlane, SampleFormat};
+use crate::signals::{Signal, SignalKind};
 use crate::vk::caps::DeviceKind;
 use crate::vk::memory::Buffer;
 use crate::vk::submit::{Submission, barrier};
@@ -21,14 +23,16 @@ use std::time::Instant;
 
 /// Which planes a frame has beside its colour: albedo, normal, depth, and what it says of its noise.
 type Present = ([bool; 3], Option<NoiseKind>);
+/// A frame's planes, and what signals come with it: kind and channels.
+type Planes = (Present, Vec<(SignalKind, u32)>);
 
 /// A pass with its staging memory and its recording.
 pub(crate) struct HostPass {
     // Fields drop in this order: the recording before what it uses.
     submission: Submission,
-    binding: Option<(Present, Binding)>,
+    binding: Option<(Planes, Binding)>,
     /// What the command buffer holds now; it is recorded again only when this changes.
-    recorded: Option<(Present, FrameOptions, bool)>,
+    recorded: Option<(Planes, FrameOptions, bool)>,
     /// The work of that.
     work: Option<Work>,
     /// Where the last run was active, if that differs.
@@ -45,6 +49,7 @@ pub(crate) struct HostPass {
     output: Buffer,
     /// The planes that kernels read and write, where those are slow in memory that the host sees: copied by the device.
     in_device: Option<[Buffer; 2]>,
+    signals: SignalPlanes,
     engine: Arc<Engine>,
 }
 
@@ -74,6 +79,7 @@ impl HostPass {
             pass: Pass::of_plan(engine, plan)?,
             input: Buffer::new(device, "input planes", input, MemoryLocation::CpuToGpu)?,
             output: Buffer::new(device, "output plane", output, MemoryLocation::GpuToCpu)?,
+            signals: SignalPlanes::default(),
             submission: Submission::new(device)?,
             binding: None,
             recorded: None,
@@ -100,6 +106,25 @@ impl HostPass {
         pack(extent, &mut self.floats()[..3 * extent.pixels() as usize]);
     }
 
+    /// Stages the signals of the next run.
+    pub fn write_signals(&mut self, signals: &[Signal]) -> Result<()> {
+        let extent = self.extent();
+        if signals.len() > self.signals.room() {
+            // What names the old planes goes first.
+            (self.recorded, self.binding, self.signals) = (None, None, SignalPlanes::default());
+            let host = MemoryRequired::of_plan(self.pass.plan()).host();
+            self.engine.check_memory(extent, host + SignalPlanes::bytes(extent, signals.len()))?;
+            self.signals = SignalPlanes::new(&self.engine.device, extent, signals.len())?;
+        }
+        self.signals.write(extent, signals);
+        Ok(())
+    }
+
+    /// Writes the results to the signals' outputs; `region` as in the last run.
+    pub fn read_signals(&self, signals: &mut [Signal], region: Option<Region>) {
+        self.signals.read(self.extent(), region, signals);
+    }
+
     /// Where the last run was active; `None` where nothing is left out.
     pub fn active(&self) -> Option<&ActiveTiles> {
         self.active.as_ref()
@@ -119,9 +144,14 @@ impl HostPass {
         started: Instant,
     ) -> Result<Report> {
         let there = if options.features_unchanged { self.kept_features()? } else { self.stage(features) };
-        let present = (there, self.stage_noise(features));
-        if self.recorded != Some((present, *options, profile)) {
-            self.record(present, options, profile)?;
+        let planes = ((there, self.stage_noise(features)), self.signals.kinds.clone());
+        let wanted = Some((planes, *options, profile));
+        if self.recorded != wanted {
+            self.recorded = None;
+            if let Some((planes, ..)) = &wanted {
+                self.record(planes, options, profile)?;
+            }
+            self.recorded = wanted;
         }
         self.records.clear();
         self.kept = None;
@@ -189,6 +219,7 @@ impl HostPass {
     }
 
     fn bind(&self, ([albedo, normal, depth], noise): Present) -> Result<Binding> {
+        let signals = self.signals.planes(self.extent());
         let extent = self.extent();
         let plane = |buffer: &Buffer, size, first: u64, channels| BufferPlane {
             buffer: buffer.raw(),
@@ -208,18 +239,17 @@ impl HostPass {
             output: plane(to, plane_bytes(extent), 0, 3),
         };
         // SAFETY: the buffers are our own and as described.
-        unsafe { self.pass.bind_buffers(&frame) }
+        unsafe { self.pass.bind_buffers_with(&frame, &signals) }
     }
 
-    fn record(&mut self, present: Present, options: &FrameOptions, profile: bool) -> Result<()> {
+    fn record(&mut self, planes: &Planes, options: &FrameOptions, profile: bool) -> Result<()> {
         if profile && self.profiler.is_none() {
             self.profiler = Some(self.pass.profiler(1)?);
         }
         let bound = match self.binding.take() {
-            Some((had, binding)) if had == present => binding,
-            _ => self.bind(present)?,
+            Some((had, binding)) if had == *planes => binding,
+            _ => self.bind(planes.0)?,
         };
-        self.recorded = None;
         self.work = Some(self.pass.work_of(&bound, options)?);
         let mut dst_offset = plane_bytes(self.extent());
         let copies = self.pass.plan().read_back().into_iter().map(|id| {
@@ -263,8 +293,7 @@ impl HostPass {
                 barrier(device, commands, written, host);
             },
         )?;
-        self.binding = Some((present, bound));
-        self.recorded = Some((present, *options, profile));
+        self.binding = Some((planes.clone(), bound));
         Ok(())
     }
 }

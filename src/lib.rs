@@ -57,6 +57,7 @@ pub mod error;
 pub mod exr_io;
 pub mod frame;
 mod host;
+mod host_signals;
 pub mod kernels;
 mod memory;
 pub mod metrics;
@@ -72,6 +73,7 @@ mod quality;
 mod record;
 pub mod reference;
 pub mod renderer;
+pub mod signals;
 pub mod target;
 #[doc(hidden)]
 pub mod testing;
@@ -97,6 +99,7 @@ pub use quality::Quality;
 pub use renderer::{
     BufferAddress, BufferFrame, BufferPlane, FrameStatistics, ImageFormat, ImageFrame, ImagePlane, SampleFormat,
 };
+pub use signals::{BufferSignal, Signal, SignalKind};
 pub use vk::caps::{DeviceInfo, DeviceKind, Requirements};
 pub use vk::device::{Device, DeviceOptions, RendererDevice};
 pub use vk::raw::{EnabledFeatures, RawDevice};

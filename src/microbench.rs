@@ -64,7 +64,7 @@ impl PartRunner {
         let engine = Arc::new(Engine::of_plan(device, graph.clone(), &plan, weights, target)?);
         let pass = Pass::of_plan(&engine, plan)?;
         // SAFETY: no images.
-        let binding = unsafe { pass.bind(None, engine.target.kernels, FrameArgs::default()) }?;
+        let binding = unsafe { pass.bind(None, engine.target.kernels, FrameArgs::default(), Vec::new()) }?;
         let profiler = if device.has_timestamps() { Some(pass.profiler(1)?) } else { None };
         let mut runner = Self { submission: Submission::new(device)?, profiler, binding, pass };
         runner.fill()?;

@@ -5,6 +5,7 @@ use crate::engine::Engine;
 use crate::error::{Error, Result};
 use crate::frame::Extent;
 use crate::kernels::quiet::NoiseKind;
+use crate::kernels::signals::SignalArgs;
 use crate::kernels::{Addresses, BufferId, FrameArgs, KernelTarget, PlaneArgs, TexelRange};
 use crate::net::weights::ExposureRule;
 use crate::options::{Exposure, FrameOptions};
@@ -13,6 +14,7 @@ use crate::plan::{self, Dispatch, Place, Plan, Present};
 use crate::profile::Profiler;
 use crate::record::Recording;
 use crate::renderer::{BufferAddress, BufferFrame, ImageFormat, ImageFrame, ImagePlane};
+use crate::signals::{self, BufferSignal};
 use crate::vk::device::Device;
 use crate::vk::memory::Buffer;
 use crate::vk::pipeline::Pipeline;
@@ -44,6 +46,7 @@ pub struct Binding {
     /// What runs of the plan for these planes, whole.
     dispatches: Vec<Dispatch>,
     planes: FrameArgs,
+    signals: Vec<SignalArgs>,
     /// The pass's own [`Pass::id`].
     pass: u64,
 }
@@ -153,6 +156,21 @@ impl Pass {
     /// # Safety
     /// The buffers are valid, as their fields say, and belong to the device.
     pub unsafe fn bind_buffers(&self, frame: &BufferFrame) -> Result<Binding> {
+        // SAFETY: the caller's promises are the same.
+        unsafe { self.bind_buffers_with(frame, &[]) }
+    }
+
+    /// The same, with signals that go through the kernels of the frame's colour: each is recorded after the other, in the pass's own
+    /// memory, so that their number is free ([`crate::signals`]). Barriers as for the frame's planes.
+    ///
+    /// # Errors
+    /// As [`Pass::bind_buffers`]; [`Error::InvalidOption`] where the denoiser was made without
+    /// [`Options::signals`](crate::Options::signals), and for a signal of a number of channels that its kind does not have;
+    /// [`Error::Binding`] where a signal's output has samples of another type than the frame's.
+    ///
+    /// # Safety
+    /// As [`Pass::bind_buffers`], of the signals' buffers too.
+    pub unsafe fn bind_buffers_with(&self, frame: &BufferFrame, signals: &[BufferSignal]) -> Result<Binding> {
         let (device, extent) = (&self.engine.device, self.plan.extent);
         // SAFETY: the caller vouches for the buffers.
         let resolve = |plane: Option<&crate::renderer::BufferPlane>, name, channels| unsafe {
@@ -170,8 +188,11 @@ impl Pass {
             ..FrameArgs::default()
         };
         let target = KernelTarget { output_half: output.half, ..self.engine.target.kernels };
-        // SAFETY: no images.
-        unsafe { self.bind(None, target, planes) }
+        // SAFETY: no images; the caller vouches for the signals' buffers.
+        unsafe {
+            let signals = self.resolve_signals(signals, target.output_half)?;
+            self.bind(None, target, planes, signals)
+        }
     }
 
     /// Resolves a frame in the renderer's images. Not for the frame's hot path: it may compile kernels and makes
@@ -183,6 +204,18 @@ impl Pass {
     /// # Safety
     /// The views are valid, as their fields say, belong to the device, and live as long as the binding.
     pub unsafe fn bind_images(&self, frame: &ImageFrame) -> Result<Binding> {
+        // SAFETY: the caller's promises are the same.
+        unsafe { self.bind_images_with(frame, &[]) }
+    }
+
+    /// The same, with signals in buffers, as [`Pass::bind_buffers_with`] takes them.
+    ///
+    /// # Errors
+    /// As [`Pass::bind_images`] and, for the signals, [`Pass::bind_buffers_with`].
+    ///
+    /// # Safety
+    /// As [`Pass::bind_images`]; the signals' buffers are valid, as their fields say, and belong to the device.
+    pub unsafe fn bind_images_with(&self, frame: &ImageFrame, signals: &[BufferSignal]) -> Result<Binding> {
         frame.check(self.plan.extent)?;
         let args = |plane: Option<&ImagePlane>| PlaneArgs {
             present: plane.is_some(),
@@ -201,8 +234,24 @@ impl Pass {
         };
         let output_half = frame.output.format == ImageFormat::Rgba16F;
         let target = KernelTarget { images: true, output_half, ..self.engine.target.kernels };
-        // SAFETY: the caller vouches for the views.
-        unsafe { self.bind(Some(frame), target, planes) }
+        // SAFETY: the caller vouches for the views and the signals' buffers.
+        unsafe {
+            let signals = self.resolve_signals(signals, output_half)?;
+            self.bind(Some(frame), target, planes, signals)
+        }
+    }
+
+    /// # Safety
+    /// The buffers are valid, as their fields say, and belong to the device.
+    unsafe fn resolve_signals(&self, signals: &[BufferSignal], output_half: bool) -> Result<Vec<SignalArgs>> {
+        if !signals.is_empty() && !self.engine.target.signals {
+            return Err(signals::not_asked_for());
+        }
+        // SAFETY: the caller vouches for the buffers.
+        let resolve = |signal: &BufferSignal| unsafe {
+            signal.resolve(&self.engine.device, self.plan.extent, output_half)
+        };
+        signals.iter().map(resolve).collect()
     }
 
     /// # Safety
@@ -212,6 +261,7 @@ impl Pass {
         images: Option<&ImageFrame>,
         target: KernelTarget,
         planes: FrameArgs,
+        signals: Vec<SignalArgs>,
     ) -> Result<Binding> {
         let (engine, features) = (&self.engine, present(&planes));
         let mut dispatches = self.plan.for_features(features).to_vec();
@@ -227,7 +277,7 @@ impl Pass {
         let resources = Resources { images, texels: &texels };
         // SAFETY: the caller vouches for the images; the arena and the weights outlive every use of the binding.
         let sets = unsafe { DescriptorSets::new(&engine.device, &dispatches, &pipelines, &resources)? };
-        Ok(Binding { sets, pipelines, dispatches, planes, pass: self.id })
+        Ok(Binding { sets, pipelines, dispatches, planes, signals, pass: self.id })
     }
 
     /// Records the pass into the renderer's command buffer. It does not submit, wait, allocate device memory or update
@@ -319,6 +369,7 @@ impl Pass {
             },
             pipelines: &binding.pipelines,
             sets: &binding.sets,
+            signals: &binding.signals,
             timestamps,
         };
         // SAFETY: the caller vouches for `commands` and for what the binding names; the arena is this pass's own.

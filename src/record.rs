@@ -1,7 +1,8 @@
 //! The executor: dispatches into a command buffer.
 
 use crate::descriptors::DescriptorSets;
-use crate::kernels::{Addresses, BufferId};
+use crate::kernels::signals::SignalArgs;
+use crate::kernels::{Addresses, BufferId, FrameArgs};
 use crate::plan::Dispatch;
 use crate::vk::device::Device;
 use crate::vk::pipeline::Pipeline;
@@ -20,7 +21,10 @@ pub(crate) struct Recording<'a> {
     pub pipelines: &'a [Arc<Pipeline>],
     /// Made for these dispatches.
     pub sets: &'a DescriptorSets,
-    /// Where the time before and after every dispatch goes: two timestamps each, from the number on.
+    /// Signals beside the colour: what is for them is recorded for each.
+    pub signals: &'a [SignalArgs],
+    /// Where the time before and after every dispatch goes: two timestamps each, from the number on; of what is for signals those of
+    /// the first.
     pub timestamps: Option<(&'a Timestamps, u32)>,
 }
 
@@ -39,14 +43,18 @@ impl Recording<'_> {
             unsafe { timestamps.reset(commands, first, 2 * dispatches.len() as u32) };
         }
         let indirect = dispatches.iter().any(|dispatch| dispatch.indirect.is_some());
-        let mut waits = true;
-        for (i, (dispatch, pipeline)) in dispatches.iter().zip(self.pipelines).enumerate() {
-            waits |= dispatch.barrier;
-            if dispatch.skipped {
+        let (mut waits, mut last) = (true, 0);
+        for (i, signal) in self.order(dispatches) {
+            let (dispatch, pipeline) = (&dispatches[i], &self.pipelines[i]);
+            // A signal's dispatches overwrite what the last one's read.
+            waits |= dispatch.barrier || signal > last;
+            last = signal;
+            let timed = |at: usize| (signal == 0).then_some((2 * i + at) as u32);
+            if dispatch.skipped || dispatch.of_signals && self.signals.is_empty() {
                 // SAFETY: the caller vouches for `commands`.
                 unsafe {
-                    self.timestamp(commands, 2 * i as u32);
-                    self.timestamp(commands, 2 * i as u32 + 1);
+                    self.timestamp(commands, timed(0));
+                    self.timestamp(commands, timed(1));
                 }
                 continue;
             }
@@ -55,7 +63,9 @@ impl Recording<'_> {
                 unsafe { self.barrier(commands, indirect) };
             }
             let [x, y, z] = dispatch.groups;
-            let push = dispatch.call.kernel().push(&self.addresses);
+            let own = self.signals.get(signal).copied().filter(|_| dispatch.of_signals);
+            let frame = FrameArgs { signal: own.or(self.addresses.frame.signal), ..self.addresses.frame };
+            let push = dispatch.call.kernel().push(&Addresses { frame, ..self.addresses });
             // SAFETY: the caller vouches for `commands`; the contract's push constants were checked by the build.
             unsafe {
                 if pipeline.raw != bound {
@@ -69,7 +79,7 @@ impl Recording<'_> {
                 }
                 let stage = vk::ShaderStageFlags::COMPUTE;
                 device.cmd_push_constants(commands, pipeline.layout, stage, 0, push.as_slice());
-                self.timestamp(commands, 2 * i as u32);
+                self.timestamp(commands, timed(0));
                 match dispatch.indirect.and_then(|groups| Some((groups, groups.offset(dispatch)?))) {
                     Some((groups, offset)) => {
                         let (buffer, first) = (self.buffers)(groups.buffer);
@@ -77,15 +87,25 @@ impl Recording<'_> {
                     }
                     None => device.cmd_dispatch(commands, x, y, z),
                 }
-                self.timestamp(commands, 2 * i as u32 + 1);
+                self.timestamp(commands, timed(1));
             }
         }
     }
 
+    /// The dispatches in the order in which they are recorded, each with its signal: what is for signals once for each of them, and once
+    /// where there is none.
+    fn order(&self, dispatches: &[Dispatch]) -> impl Iterator<Item = (usize, usize)> + use<> {
+        let all = dispatches.len();
+        let first = dispatches.iter().position(|dispatch| dispatch.of_signals).unwrap_or(all);
+        let end = first + dispatches[first..].iter().take_while(|dispatch| dispatch.of_signals).count();
+        let signals = (0..self.signals.len().max(1)).flat_map(move |signal| (first..end).map(move |i| (i, signal)));
+        (0..first).map(|i| (i, 0)).chain(signals).chain((end..all).map(|i| (i, 0)))
+    }
+
     /// # Safety
     /// As [`Recording::record`].
-    unsafe fn timestamp(&self, commands: vk::CommandBuffer, at: u32) {
-        if let Some((timestamps, first)) = self.timestamps {
+    unsafe fn timestamp(&self, commands: vk::CommandBuffer, at: Option<u32>) {
+        if let (Some((timestamps, first)), Some(at)) = (self.timestamps, at) {
             // SAFETY: the caller vouches for `commands`; `record` begins with the reset.
             unsafe { timestamps.write(commands, first + at) };
         }

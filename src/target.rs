@@ -26,6 +26,8 @@ pub struct Target {
     pub keep_features: bool,
     /// How quiet tiles are left out; `None`: none are.
     pub quiet: Option<QuietMode>,
+    /// Whether signals beside the colour can go through the predicted kernels.
+    pub signals: bool,
     /// Which operations are folded into others before anything else is chosen.
     pub folds: Folds,
     /// How dense 3x3 convolutions are computed.
@@ -61,6 +63,7 @@ impl Default for Target {
             keep_all: false,
             keep_features: false,
             quiet: None,
+            signals: false,
             folds: Folds::EVERYWHERE,
             conv: ConvAlgorithm::default(),
             separable: SeparableForm::default(),
@@ -107,6 +110,7 @@ impl Target {
             max_chain_bytes: options.max_chain_bytes.unwrap_or(suitable.max_chain_bytes),
             keep_features: options.keep_features,
             quiet: options.quiet.map(|quiet| quiet.mode),
+            signals: options.signals,
             ..suitable
         })
     }

@@ -139,6 +139,7 @@ impl Bench {
             buffers: &|id| (buffers[id.0].1.raw(), GUARD as u64),
             pipelines: &pipelines,
             sets: &sets,
+            signals: &[],
             timestamps: None,
         };
         submission.record(|commands| {

@@ -128,6 +128,7 @@ fn mix_levels() {
         let call = MixLevels {
             levels: (1..=levels).map(|level| map(&mut cases, 1 << level)).collect(),
             pixels: cases.map_between(pixels, channels + 8, 0.05, 1.0),
+            of_signal: false,
             direct: gated.then(|| (cases.map_between(pixels, 4, 0.0, 2.0), cases.map(pixels, 4, 0.5))),
             dst: cases.target(pixels, channels),
             tiles: cases.tiles(pixels),

@@ -13,6 +13,9 @@ const uint MEND_REACH = 4u;
 const float NOISY_SHARE = 0.25;
 const uint ENOUGH_LIT = 32u;
 
+// The network's range, exposed: emitters of training reach it, the noise of one sample a pixel hardly does.
+const float RANGE = 2048.0;
+
 // A pixel as the network is to take it.
 const uint AS_IT_IS = 0u;
 const uint MENDED = 1u;

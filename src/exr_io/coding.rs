@@ -50,6 +50,7 @@ impl Coding {
         let [red, green, blue] = color;
         match self {
             Self::Rgb => color,
+            Self::Gray if red == green && green == blue => color,
             Self::Gray => [(red + green + blue) / 3.0; 3],
             Self::Two([first, second]) => [color[first], color[second], 0.0],
             Self::LumaChroma([r, g, b]) => {

@@ -8,6 +8,8 @@
 //! channels of that part a second time; a note of the selection says which. With a region it writes a part of the
 //! pixels as a file of its own.
 //!
+//! [`LayerOptions::signals`] names layers that are denoised with the colour's kernels: light groups, other layers, alpha.
+//!
 //! `docs/files.md` has the names by renderer. They are compared without case, spaces and punctuation; best first:
 //!
 //! * **Colour**: plain R, G, B or grey Y or V; Blender's `ViewLayer.Noisy Image` and `ViewLayer.Combined`; beauty,
@@ -42,6 +44,7 @@ mod replace;
 mod samples;
 mod select;
 mod selection;
+mod signals;
 mod views;
 mod write;
 
@@ -49,6 +52,7 @@ pub use codec::MAX_PIXELS;
 pub use error::ExrError;
 pub use read::ExrFrame;
 pub use replace::{WriteCheck, replace_file};
+pub use signals::{AovLayer, ExrSignal, SignalLayers};
 pub use selection::{FeatureSource, LayerOptions, Selection, UsedLayer};
 pub use write::ExrOutput;
 

@@ -7,11 +7,15 @@ use super::features::{Feature, pick_feature, pick_from_own_file, understand};
 use super::layers::{Layer, Place, layers, part_name, text};
 use super::lossy::rounded_again;
 use super::select::{Chooser, Pick};
+use super::signals::{ExrSignal, Signals};
 use super::{FeatureSource, LayerOptions, Role, Selection, UsedLayer};
 use crate::frame::{Extent, Features, Frame, Layout, Noise, Plane};
 use crate::kernels::quiet::NoiseKind;
 use std::path::Path;
 use std::sync::Arc;
+
+/// What light groups are off their colour by before that is said: half floats of them are off by less.
+const GROUPS_OFF: f64 = 0.005;
 
 /// A picture of an OpenEXR file that was read for denoising: one view of it, with its features.
 ///
@@ -26,8 +30,10 @@ pub struct ExrFrame {
     color: Vec<f32>,
     /// The planes of the roles, in their order.
     planes: [Option<Vec<f32>>; 5],
-    /// The pixels whose colour and alpha are exactly 0, if there is any.
-    empty: Option<Vec<bool>>,
+    /// What is denoised beside the colour.
+    pub(super) signals: Vec<ExrSignal>,
+    /// The pixels whose colour and alpha are exactly 0, if there is any; where alpha is denoised, those in the midst of such.
+    pub(super) empty: Option<Vec<bool>>,
 }
 
 impl ExrFrame {
@@ -54,7 +60,9 @@ impl ExrFrame {
         let picks = file.pictures(options)?;
         let frames = picks.into_iter().map(|pick| file.frame(pick, options));
         let mut frames: Vec<Self> = frames.collect::<Result<_, _>>()?;
-        let written: Vec<Place> = frames.iter().flat_map(|frame| frame.target.channels.iter().copied()).collect();
+        let signals = |frame: &Self| frame.signals.iter().flat_map(|signal| signal.channels.clone()).collect::<Vec<_>>();
+        let written: Vec<Place> =
+            frames.iter().flat_map(|frame| [frame.target.channels.clone(), signals(frame)].concat()).collect();
         if let Some(first) = frames.first_mut() {
             first.selection.notes.extend(rounded_again(&file.container, &written));
         }
@@ -72,7 +80,8 @@ impl ExrFrame {
     }
 
     /// Makes a new colour (interleaved RGB) exactly 0 where the file's colour and alpha are exactly 0: outside the
-    /// border of a border render and around a cut-out, which have no noise. A file without alpha has no such pixels.
+    /// border of a border render and around a cut-out, which have no noise. A file without alpha has no such pixels. Where alpha is
+    /// denoised too, only pixels count that have 5x5 such pixels around: a few samples leave holes in coverage.
     pub fn keep_empty(&self, color: &mut [f32]) {
         let Some(empty) = &self.empty else { return };
         let pixels = color.chunks_exact_mut(3).zip(empty);
@@ -201,15 +210,21 @@ impl Opened {
             }
             features.push((role, feature, used));
         }
+        let signals = Signals { container, layers: &self.layers, picture: &pick, target: &target }.pick(&options.signals)?;
+        for signal in &signals {
+            check_parts(container, &signal.channels)?;
+        }
         let alpha: Vec<Place> = layer.channel("A").into_iter().collect();
         let wanted: Vec<&[Place]> = [pick.channels.as_slice(), &alpha]
             .into_iter()
             .chain(features.iter().map(|(_, feature, _)| feature.channels.as_slice()))
+            .chain(signals.iter().map(|signal| signal.channels.as_slice()))
             .collect();
         let mut planes = codec::decode_planes(container, &wanted)?.into_iter();
         let color = pick.coding.colors(planes.next().unwrap_or_default());
-        let empty = empty_pixels(&color, &planes.next().unwrap_or_default());
         let size = container.header(layer.part).layer_size;
+        let empty = empty_pixels(&color, &planes.next().unwrap_or_default());
+        let empty = if options.signals.alpha { empty.map(|empty| in_the_midst(&empty, size.x())) } else { empty };
         let mut frame = ExrFrame {
             selection: Selection {
                 view: pick.view.clone(),
@@ -220,6 +235,7 @@ impl Opened {
                 depth: None,
                 variance: None,
                 samples: None,
+                signals: Vec::new(),
                 notes,
             },
             extent: Extent::new(size.x() as u32, size.y() as u32),
@@ -227,11 +243,19 @@ impl Opened {
             target,
             color,
             planes: Default::default(),
+            signals: Vec::new(),
             empty,
         };
-        for ((role, feature, used), plane) in features.into_iter().zip(planes) {
+        for ((role, feature, used), plane) in features.into_iter().zip(planes.by_ref()) {
             frame.take(role, container, &feature, plane, used);
         }
+        let groups: Vec<usize> = (0..signals.len()).filter(|i| signals[*i].group).collect();
+        frame.take_signals(container, signals, planes.collect());
+        frame.selection.signals = frame.signals.iter().map(|signal| signal.layer().clone()).collect();
+        let off = frame.off_color(&groups).filter(|off| !groups.is_empty() && *off > GROUPS_OFF);
+        frame.selection.notes.extend(off.map(|off| {
+            format!("the light groups are {:.1} % off the colour: what is not in the groups is not in their sum either", 100.0 * off)
+        }));
         for (role, source) in options.features() {
             if let FeatureSource::File(path) = source {
                 frame.read_feature_file(role, path, layer.view.as_ref())?;
@@ -278,7 +302,7 @@ fn empty_pixels(color: &[f32], alpha: &[f32]) -> Option<Vec<bool>> {
     empty.contains(&true).then_some(empty)
 }
 
-fn used_layer(container: &Container, channels: &[Place], file: Option<&Path>) -> UsedLayer {
+pub(super) fn used_layer(container: &Container, channels: &[Place], file: Option<&Path>) -> UsedLayer {
     let mut parts: Vec<String> = channels.iter().filter_map(|place| part_name(container, place.part)).collect();
     parts.dedup();
     let name = |place: &Place| text(&container.header(place.part).channels.list[place.channel].name);
@@ -287,6 +311,15 @@ fn used_layer(container: &Container, channels: &[Place], file: Option<&Path>) ->
         part: (!parts.is_empty()).then(|| parts.join(", ")),
         channels: channels.iter().map(name).collect(),
     }
+}
+
+/// The marked pixels of rows of `width` that have marked ones for two pixels around, as far as the picture goes.
+fn in_the_midst(marked: &[bool], width: usize) -> Vec<bool> {
+    const REACH: usize = 2;
+    let height = marked.len() / width.max(1);
+    let near = |at: usize, end: usize| at.saturating_sub(REACH)..(at + REACH + 1).min(end);
+    let whole = |x: usize, y: usize| near(y, height).all(|y| near(x, width).all(|x| marked[y * width + x]));
+    (0..marked.len()).map(|i| marked[i] && whole(i % width, i / width)).collect()
 }
 
 fn window_text(window: exr::meta::attribute::IntegerBounds) -> String {

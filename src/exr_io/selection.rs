@@ -1,6 +1,7 @@
 //! Which layers to read, and which were taken.
 
 use super::Role;
+use super::signals::SignalLayers;
 use std::fmt;
 use std::path::PathBuf;
 
@@ -39,6 +40,8 @@ pub struct LayerOptions {
     pub variance: FeatureSource,
     /// Where the sample counts come from. Where there is a variance, that counts.
     pub samples: FeatureSource,
+    /// What is denoised beside the colour, with its kernels.
+    pub signals: SignalLayers,
 }
 
 impl LayerOptions {
@@ -105,6 +108,8 @@ pub struct Selection {
     pub variance: Option<UsedLayer>,
     /// Sample counts, if there are.
     pub samples: Option<UsedLayer>,
+    /// What is denoised beside the colour.
+    pub signals: Vec<UsedLayer>,
     /// What the user should know: layers that were there but could not be used, and why; what was taken for what; other
     /// versions of the picture; channels that a lossy compression rounds once more.
     pub notes: Vec<String>,

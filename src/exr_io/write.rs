@@ -4,7 +4,7 @@ use super::assemble;
 use super::codec::NewColor;
 use super::crop;
 use super::error::ExrError;
-use super::{ExrFrame, replace_file};
+use super::{ExrFrame, ExrSignal, replace_file};
 use crate::frame::Region;
 use std::io::{Seek, Write};
 use std::path::Path;
@@ -16,6 +16,8 @@ use std::sync::Arc;
 pub struct ExrOutput<'a> {
     pictures: Vec<(&'a ExrFrame, &'a [f32])>,
     region: Option<Region>,
+    /// Signals of the pictures, as red, green and blue.
+    signals: Vec<(&'a ExrSignal, Vec<f32>)>,
 }
 
 impl<'a> ExrOutput<'a> {
@@ -43,7 +45,25 @@ impl<'a> ExrOutput<'a> {
                 return Err(ExrError::Region { path: frame.container.path.clone(), reason });
             }
         }
-        Ok(Self { pictures: pictures.to_vec(), region })
+        Ok(Self { pictures: pictures.to_vec(), region, signals: Vec::new() })
+    }
+
+    /// With the results of a picture's signals in their places, in their order: the samples of each interleaved.
+    ///
+    /// # Errors
+    /// [`ExrError::Mixed`] where the picture is none of these; [`ExrError::ColorLength`].
+    pub fn with_signals(mut self, frame: &'a ExrFrame, results: &[Vec<f32>]) -> Result<Self, ExrError> {
+        if !self.pictures.iter().any(|(picture, _)| std::ptr::eq(*picture, frame)) || results.len() != frame.signals.len() {
+            return Err(ExrError::Mixed);
+        }
+        for (signal, result) in frame.signals.iter().zip(results) {
+            let (wanted, found) = (signal.samples().len(), result.len());
+            if wanted != found {
+                return Err(ExrError::ColorLength { path: frame.container.path.clone(), wanted, found });
+            }
+            self.signals.push((signal, signal.colors(result)));
+        }
+        Ok(self)
     }
 
     /// Writes the file beside `path` and renames it (see [`replace_file`]), so `path` may be the file that was read.
@@ -64,7 +84,12 @@ impl<'a> ExrOutput<'a> {
             coding: frame.target.coding,
             color,
         };
-        let colors: Vec<NewColor> = self.pictures.iter().map(new).collect();
+        let mut colors: Vec<NewColor> = self.pictures.iter().map(new).collect();
+        colors.extend(self.signals.iter().map(|(signal, color)| NewColor {
+            channels: &signal.channels,
+            coding: signal.coding(),
+            color,
+        }));
         let Some((first, _)) = self.pictures.first() else { return Ok(()) };
         match self.region {
             None => assemble::assemble(&first.container, &colors, out),

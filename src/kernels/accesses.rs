@@ -90,6 +90,8 @@ impl Call {
             | Self::InputColor(_)
             | Self::InputAux(_)
             | Self::Output(_)
+            | Self::InputSignal(_)
+            | Self::OutputSignal(_)
             | Self::TileNoise(_)
             | Self::QuietMap(_)
             | Self::TileList(_)

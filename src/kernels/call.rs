@@ -2,7 +2,7 @@
 
 use super::{
     Access, Grid, Kernel, Tiles, Traffic, View, aux_projection, dense, expand, film, frame_io, maps, predicted, quiet,
-    separable, stats, unembed, window_attention, winograd,
+    separable, signals, stats, unembed, window_attention, winograd,
 };
 
 /// Declares [`Call`]: a variant of the enum for each kernel.
@@ -83,6 +83,10 @@ calls! {
     InputAux(frame_io::InputAux),
     /// Output.
     Output(frame_io::Output),
+    /// A signal beside the colour to what predicted kernels read.
+    InputSignal(signals::InputSignal),
+    /// A filtered signal to the caller's plane.
+    OutputSignal(signals::OutputSignal),
     /// Noise of the map's squares.
     TileNoise(quiet::TileNoise),
     /// Map of what is to be denoised.

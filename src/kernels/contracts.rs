@@ -293,6 +293,19 @@ contracts! {
         INPUT_COLOR = "input_color" "input_color.comp" InputColorPush {} &[];
         /// Colour input from an image.
         INPUT_COLOR_IMAGE = "input_color_image" "input_color.comp" InputColorPush { "IMAGES": "1" } &[];
+        /// A signal to what predicted kernels read.
+        INPUT_SIGNAL = "input_signal" "input_signal.comp" InputSignalPush {} &[];
+        /// The same beside albedo of halves.
+        INPUT_SIGNAL_FROM_F16 = "input_signal_from_f16" "input_signal.comp" InputSignalPush { "SRC_F16": "1" } &[];
+        /// The same beside colour in an image.
+        INPUT_SIGNAL_IMAGE = "input_signal_image" "input_signal.comp" InputSignalPush { "IMAGES": "1" } &[];
+        /// The same with albedo of halves.
+        INPUT_SIGNAL_IMAGE_FROM_F16 = "input_signal_image_from_f16" "input_signal.comp" InputSignalPush
+            { "IMAGES": "1", "SRC_F16": "1" } &[];
+        /// A filtered signal to 32-bit planes.
+        OUTPUT_SIGNAL_F32 = "output_signal_f32" "output_signal.comp" OutputSignalPush {} &[];
+        /// A filtered signal to 16-bit planes.
+        OUTPUT_SIGNAL_F16 = "output_signal_f16" "output_signal.comp" OutputSignalPush { "TARGET_F16": "1" } &[Need::Storage16];
         /// Output to 32-bit planes.
         OUTPUT_F32 = "output_f32" "output.comp" OutputPush { "TARGET_F32": "1" } &[];
         /// Output to 16-bit planes.

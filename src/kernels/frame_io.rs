@@ -133,7 +133,7 @@ impl Kernel for InputColor {
     }
 }
 
-fn firefly_flags(fireflies: Fireflies) -> u32 {
+pub(super) fn firefly_flags(fireflies: Fireflies) -> u32 {
     match fireflies {
         Fireflies::Auto => 0,
         Fireflies::Mend => flags::MEND_FIREFLIES,

@@ -20,6 +20,7 @@ pub mod predicted;
 pub(crate) mod pushes;
 pub mod quiet;
 pub mod separable;
+pub mod signals;
 pub mod spirv;
 pub mod stats;
 mod tiles;
@@ -165,6 +166,8 @@ pub struct FrameArgs {
     pub quiet_threshold: f32,
     /// The output plane.
     pub output: PlaneArgs,
+    /// The signal beside the colour that is being recorded.
+    pub signal: Option<signals::SignalArgs>,
     /// Factor on the colour; `None`: the frame's own.
     pub exposure: Option<f32>,
     /// Where a factor lies that comes before both, if it is a normal number above 0.
@@ -290,6 +293,7 @@ mod flags {
     pub const TILE_LIST: u32 = 1;
     pub const RELU: u32 = 2;
     pub const GATED: u32 = 2;
+    pub const NO_ALBEDO: u32 = 4;
     pub const LEAKY_RELU: u32 = 4;
     pub const RESIDUAL: u32 = 8;
     pub const FILM: u32 = 16;
@@ -303,6 +307,11 @@ mod flags {
     pub const RADIANCE: u32 = 32;
     pub const COLOR_HALF: u32 = 1 << 8;
     pub const COLOR: u32 = 1 << 9;
+    pub const SIGNAL_HALF: u32 = 1 << 10;
+    pub const SIGNAL_ODD: u32 = 1 << 11;
+    pub const SIGNAL_ONE: u32 = 1 << 12;
+    pub const LIGHT: u32 = 1 << 13;
+    pub const ALPHA: u32 = 1 << 14;
     pub const ALBEDO_HALF: u32 = 1 << 10;
     pub const ALBEDO: u32 = 1 << 11;
     pub const NORMAL_HALF: u32 = 1 << 12;

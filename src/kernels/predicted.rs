@@ -6,6 +6,7 @@ use super::{
     Access, Addresses, BufferId, Footprint, Grid, Kernel, KernelTarget, PushBytes, Scale, Storage, TexelRange, Tiles,
     Traffic, Variant, View, by_storage, flags, groups,
 };
+use crate::signals::SignalKind;
 
 /// Packed weights that [`KernelInputs`] reads, in 32-bit floats: biases and the reliability's row, then 40 inputs of 32
 /// hidden numbers for each of a token's pixels.
@@ -308,6 +309,8 @@ pub struct MixLevels {
     pub pixels: View,
     /// [`ApplyKernels::dst`] of every level, the finest (2x2 pixels) first: two or four of them.
     pub levels: Vec<View>,
+    /// Whether the picture is a signal beside the colour: not times the albedo, where it is no light.
+    pub of_signal: bool,
     /// log1p of the exposed colour, and what the network adds to it, where the gate counts.
     pub direct: Option<(View, View)>,
     /// Of every image three channels of exposed radiance and a zero.
@@ -369,7 +372,13 @@ impl Kernel for MixLevels {
             levels: self.levels.len() as u32,
             first_tile: self.tiles.first(),
             tile_count: self.tiles.count(self.dst.width, self.dst.height),
-            flags: self.tiles.flags(self.dst.width) | self.direct.map_or(0, |_| flags::GATED),
+            flags: self.tiles.flags(self.dst.width)
+                | self.direct.map_or(0, |_| flags::GATED)
+                | if self.of_signal && !at.frame.signal.is_some_and(|signal| signal.kind == SignalKind::Light) {
+                    flags::NO_ALBEDO
+                } else {
+                    0
+                },
         })
     }
 

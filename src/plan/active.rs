@@ -83,10 +83,10 @@ pub(crate) struct Work {
 }
 
 impl Work {
-    /// Of these dispatches.
+    /// Of these dispatches, signals beside the colour aside.
     pub fn of(dispatches: &[Dispatch]) -> Self {
         let mut work = Self { fixed: 0.0, parts: Vec::new() };
-        for dispatch in dispatches {
+        for dispatch in dispatches.iter().filter(|dispatch| !dispatch.of_signals) {
             let flops = dispatch.flops as f64;
             match dispatch.indirect {
                 None => work.fixed += flops,

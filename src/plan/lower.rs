@@ -26,6 +26,7 @@ pub fn plan(graph: &Graph, extent: Extent, options: &Target) -> Result<Plan> {
     let mut lowering = Lowering::new(&graph, extent, padded(&graph, extent)?, options);
     lowering.frame_in();
     lowering.ops();
+    lowering.signals();
     lowering.frame_out();
     lowering.finish(&[]).map_err(|bytes| map_too_large(extent, bytes, options))
 }
@@ -83,7 +84,9 @@ pub(super) struct Lowering<'a> {
     values: HashMap<ValueId, BufferId>,
     packs: HashMap<Pack, BufferId>,
     pub partials: HashMap<ValueId, Partials>,
-    stats: BufferId,
+    pub stats: BufferId,
+    /// What is known of every tile of the colour.
+    pub tile_stats: BufferId,
     weights_bytes: u64,
 }
 
@@ -102,6 +105,7 @@ impl<'a> Lowering<'a> {
             packs: HashMap::new(),
             partials: HashMap::new(),
             stats: BufferId(0),
+            tile_stats: BufferId(0),
             weights_bytes: 0,
         };
         lowering.stats = lowering.scratch("stats", stats::STATS_FLOATS * 4, Storage::F32);
@@ -205,6 +209,7 @@ impl<'a> Lowering<'a> {
         tiles.dst = self.scratch("stats.tiles", tiles.tile_bytes(), Storage::F32);
         tiles.runs = self.scratch("stats.runs", tiles.run_bytes(), Storage::F32);
         let (key, tile_stats) = (tiles.key(depth_scale), tiles.dst);
+        self.tile_stats = tile_stats;
         let color = self.whole(self.graph.color);
         let aux = self.whole(self.graph.aux);
         let histogram =
@@ -300,6 +305,13 @@ impl<'a> Lowering<'a> {
             for (id, _) in traffic.reads.iter().chain(&traffic.writes) {
                 let time = times[id.0].get_or_insert((at, at));
                 time.1 = at;
+            }
+        }
+        // What signals read stays for the next of them.
+        let of_signals = |at: usize| merged[at].0.of_signals;
+        if let (Some(first), Some(last)) = ((0..end).find(|at| of_signals(*at)), (0..end).rfind(|at| of_signals(*at))) {
+            for time in times.iter_mut().flatten().filter(|time| time.0 < first && time.1 >= first) {
+                time.1 = time.1.max(last);
             }
         }
         let in_arena: Vec<usize> = (0..self.buffers.len())

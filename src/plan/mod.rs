@@ -16,6 +16,7 @@ mod predicted;
 pub mod quiet;
 mod quiet_reach;
 mod region;
+mod signals;
 mod unembed;
 mod winograd;
 
@@ -82,6 +83,8 @@ pub struct Dispatch {
     pub of_features: bool,
     /// Whether it serves the depth plane alone, and is left out where there is none.
     pub of_depth: bool,
+    /// Whether it is for signals beside the colour: recorded once for each of them. These follow each other.
+    pub of_signals: bool,
     /// Where the device says how many workgroups there are; `None`: the host knows.
     pub indirect: Option<quiet::IndirectGroups>,
     /// Whether it is left out of this frame. It keeps its place in the list, and its barrier holds for what comes next.
@@ -103,6 +106,7 @@ impl Dispatch {
             band: 0,
             of_features: false,
             of_depth: false,
+            of_signals: false,
             indirect: None,
             skipped: false,
         }

@@ -192,6 +192,7 @@ impl Lowering<'_> {
             OpKind::MixLevels { pixels, levels, direct, output } => Call::MixLevels(predicted::MixLevels {
                 pixels: self.view(*pixels),
                 levels: levels.iter().map(|level| self.view(*level)).collect(),
+                of_signal: false,
                 direct: direct.map(|(color, residual)| (self.view(color), self.view(residual))),
                 dst: self.whole(*output),
                 tiles: Tiles::All,

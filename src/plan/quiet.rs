@@ -162,8 +162,10 @@ pub(super) fn apply(merged: Merged, buffers: &mut Vec<Buffer>, frame: &Frame) ->
         if at == first {
             out.extend(before.drain(..).map(|dispatch| (dispatch, For::Every)));
         }
-        if let Call::Output(output) = &mut dispatch.call {
-            output.quiet = Some(activity.buffer);
+        match &mut dispatch.call {
+            Call::Output(output) => output.quiet = Some(activity.buffer),
+            Call::OutputSignal(output) => output.quiet = Some(activity.buffer),
+            _ => {}
         }
         let Some(list) = list_of[at] else {
             out.push((dispatch, frames));
@@ -190,7 +192,7 @@ pub(super) fn apply(merged: Merged, buffers: &mut Vec<Buffer>, frame: &Frame) ->
 }
 
 fn is_output(dispatch: &Dispatch) -> bool {
-    matches!(dispatch.call, Call::Output(_))
+    matches!(dispatch.call, Call::Output(_) | Call::OutputSignal(_))
 }
 
 struct Maker<'a> {

@@ -10,7 +10,6 @@
 
 use super::{Dispatch, Plan};
 use crate::frame::Region;
-use crate::kernels::frame_io::Output;
 use crate::kernels::{Access, BufferId, Call, Grid, TILE, TileRect, Tiles, TokenRect, View};
 use std::collections::HashMap;
 
@@ -41,11 +40,13 @@ impl Plan {
     }
 }
 
-/// Has the last kernel write the pixels of a region alone.
+/// Has the last kernels write the pixels of a region alone.
 pub(super) fn set_region(region: Region, dispatches: &mut [Dispatch]) {
     for dispatch in dispatches {
-        if let Call::Output(output) = &mut dispatch.call {
-            output.region = region;
+        match &mut dispatch.call {
+            Call::Output(output) => output.region = region,
+            Call::OutputSignal(output) => output.region = region,
+            _ => {}
         }
     }
 }
@@ -60,7 +61,7 @@ pub(super) fn needed_tokens(
     let mut needed = Needed::default();
     let rect = |dispatch: &Dispatch| match &dispatch.call {
         _ if keeps(dispatch) => None,
-        Call::Output(output) => Some(needed.output(output, region)),
+        call @ (Call::Output(_) | Call::OutputSignal(_)) => Some(needed.output(call, region)),
         call => needed.before(call),
     };
     let mut rects: Vec<_> = dispatches.iter().rev().map(rect).collect();
@@ -130,11 +131,10 @@ pub(super) fn restrict_chain(
 }
 
 impl Needed {
-    /// What the last kernel has to compute for the pixels that are wanted; what it needs itself is added.
-    fn output(&mut self, output: &Output, region: Region) -> TokenRect {
+    /// What a last kernel has to compute for the pixels that are wanted; what it needs itself is added.
+    fn output(&mut self, output: &Call, region: Region) -> TokenRect {
         let rect = TokenRect { left: region.x, top: region.y, right: region.right(), bottom: region.bottom() };
-        self.add(&output.residual, rect);
-        self.add(&output.log_color, rect);
+        output.maps().iter().for_each(|(view, _)| self.add(view, rect));
         rect
     }
 

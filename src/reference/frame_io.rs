@@ -3,6 +3,7 @@
 use super::Reference;
 use super::map::Map;
 use super::samples::{Mending, Way, light_of};
+use super::signals::SignalData;
 use super::tiles;
 use crate::frame::{Extent, Frame, Plane, Samples};
 use crate::kernels::frame_io::{Fireflies, InputAux, InputColor, Output};
@@ -10,9 +11,9 @@ use crate::kernels::quiet::{BLEND_PIXELS, MAP_TILE, NoiseKind};
 use crate::kernels::stats::{EXPOSURE, LARGEST};
 
 /// The network's range: what it is given of exposed colour ends here.
-const RANGE: f64 = 2048.0;
+pub const RANGE: f64 = 2048.0;
 /// An output of halves ends here.
-const LARGEST_HALF: f64 = 65504.0;
+pub const LARGEST_HALF: f64 = 65504.0;
 /// Depths from here on are background, in planes of floats and of halves.
 const FAR: f32 = 1e9;
 const FAR_HALF: f32 = 65000.0;
@@ -39,6 +40,8 @@ pub struct FrameData {
     pub blend: f64,
     /// Whether the output's samples are halves.
     pub output_half: bool,
+    /// A signal beside the colour.
+    pub signal: Option<SignalData>,
 }
 
 impl FrameData {
@@ -62,6 +65,7 @@ impl FrameData {
             fireflies,
             blend,
             output_half,
+            signal: None,
         }
     }
 
@@ -215,7 +219,7 @@ pub fn output(reference: &mut Reference, call: &Output) {
 }
 
 /// The caller's share of a pixel: by its distance to the nearest square that is denoised.
-fn quiet_share(map: &[f64], columns: u32, x: usize, y: usize) -> f64 {
+pub fn quiet_share(map: &[f64], columns: u32, x: usize, y: usize) -> f64 {
     let (columns, side) = (columns as usize, MAP_TILE as usize);
     let beyond = |at: usize, square: usize| {
         let (at, low) = (at as f64 + 0.5, (square * side) as f64);
@@ -231,7 +235,7 @@ fn quiet_share(map: &[f64], columns: u32, x: usize, y: usize) -> f64 {
 }
 
 /// Clamps to [0, end]; NaN stays.
-fn clamp(value: f64, end: f64) -> f64 {
+pub fn clamp(value: f64, end: f64) -> f64 {
     if value < 0.0 {
         0.0
     } else if value > end {
@@ -242,7 +246,7 @@ fn clamp(value: f64, end: f64) -> f64 {
 }
 
 /// Fills every token of a padded map from the pixel that it shows.
-fn fill(map: &mut Map, width: u32, height: u32, mut fill: impl FnMut(usize, usize, &mut [f64])) {
+pub fn fill(map: &mut Map, width: u32, height: u32, mut fill: impl FnMut(usize, usize, &mut [f64])) {
     let (across, channels) = (map.width, map.channels);
     for (i, token) in map.values.chunks_exact_mut(channels).enumerate() {
         fill(reflect(i % across, width as usize), reflect(i / across, height as usize), token);

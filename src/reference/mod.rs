@@ -18,20 +18,23 @@ mod predicted;
 mod quiet;
 mod samples;
 mod separable;
+mod signals;
 mod stats;
 mod tiles;
 mod unembed;
 mod window_attention;
 
 use crate::error::{Error, Result};
-use crate::frame::{Extent, Frame};
+use crate::frame::{Extent, Frame, Plane};
 use crate::kernels::frame_io::Fireflies;
 use crate::kernels::{BufferId, Call, View};
 use crate::net::weights::{Weights, WeightsError};
 use crate::plan::{Buffer, Dispatch, Place, Plan};
+use crate::signals::SignalKind;
 use frame_io::FrameData;
 use map::Map;
 use parameters::Parameters;
+use signals::SignalData;
 
 /// Computes a plan in f64.
 #[derive(Debug)]
@@ -104,10 +107,30 @@ impl<'a> Reference<'a> {
             });
         }
         let FrameData { output_half, quiet_threshold, fireflies, .. } = self.frame;
+        let signal = self.frame.signal.take();
         self.frame = FrameData::new(frame);
+        self.frame.signal = signal;
         (self.frame.exposure, self.frame.blend, self.frame.output_half) = (exposure, blend, output_half);
         (self.frame.quiet_threshold, self.frame.fireflies) = (quiet_threshold, fireflies);
         Ok(())
+    }
+
+    /// The signal that goes through the colour's kernels, of one channel or three; else there is none, and what is for signals does not run.
+    ///
+    /// # Errors
+    /// [`Error::PlaneMismatch`].
+    pub fn set_signal(&mut self, kind: SignalKind, channels: u32, plane: &Plane) -> Result<()> {
+        let channels = channels as usize;
+        plane.check("signal", self.extent, channels)?;
+        let mut samples = vec![0.0; channels * self.extent.pixels() as usize];
+        plane.pack(self.extent, channels, &mut samples);
+        self.frame.signal = Some(SignalData { kind, channels, samples, output: Vec::new() });
+        Ok(())
+    }
+
+    /// The denoised signal, its channels interleaved.
+    pub fn signal(&self) -> &[f64] {
+        self.frame.signal.as_ref().map_or(&[], |signal| &signal.output)
     }
 
     /// What is done with fireflies; else [`Fireflies::Auto`].
@@ -134,7 +157,10 @@ impl<'a> Reference<'a> {
 
     /// Runs one dispatch of the plan.
     pub fn run_dispatch(&mut self, index: usize) {
-        self.run_call(&self.dispatches[index].call);
+        let dispatch = &self.dispatches[index];
+        if !dispatch.of_signals || self.frame.signal.is_some() {
+            self.run_call(&dispatch.call);
+        }
     }
 
     /// Runs one kernel over the plan's buffers.
@@ -165,6 +191,8 @@ impl<'a> Reference<'a> {
             Call::InputColor(k) => frame_io::input_color(self, k),
             Call::InputAux(k) => frame_io::input_aux(self, k),
             Call::Output(k) => frame_io::output(self, k),
+            Call::InputSignal(k) => signals::input_signal(self, k),
+            Call::OutputSignal(k) => signals::output_signal(self, k),
             Call::TileNoise(k) => quiet::tile_noise(self, k),
             Call::QuietMap(k) => quiet::quiet_map(self, k),
             Call::TileList(k) => quiet::tile_list(self, k),

@@ -3,6 +3,7 @@
 use super::Reference;
 use super::map::Map;
 use super::parameters::Parameters;
+use super::signals::SignalData;
 use crate::kernels::BufferId;
 use crate::kernels::predicted::{ApplyKernels, Halve, KernelInputs, MixLevels, PredictKernels};
 use crate::net::head::{ALBEDO_SIDE, HIDDEN, KERNEL_SIDE, LEAST_ALBEDO, LOWEST_RELIABILITY};
@@ -67,7 +68,8 @@ fn mean(
     (total > 0.0).then(|| sum.map(|sum| sum / total))
 }
 
-fn demodulator(albedo: &[f64]) -> [f64; 3] {
+/// What radiance is divided by.
+pub fn demodulator(albedo: &[f64]) -> [f64; 3] {
     let most = albedo[0].max(albedo[1]).max(albedo[2]);
     let has = (most / LEAST_ALBEDO).clamp(0.0, 1.0);
     [0, 1, 2].map(|c| has * albedo[c].max(LEAST_ALBEDO) + (1.0 - has))
@@ -207,6 +209,7 @@ pub fn mix_levels(reference: &mut Reference, call: &MixLevels) {
     let direct = call.direct.map(|(color, residual)| [reference.map(&color), reference.map(&residual)]);
     let mut result = Map::zeros(pixels.width, pixels.height, call.dst.channels as usize);
     let (width, channels) = (result.width, result.channels);
+    let has_albedo = !call.of_signal || reference.frame.signal.as_ref().is_some_and(SignalData::is_light);
     for (i, out) in result.values.chunks_exact_mut(channels).enumerate() {
         let (x, y) = (i % width, i / width);
         let own = pixels.token(x, y);
@@ -218,7 +221,8 @@ pub fn mix_levels(reference: &mut Reference, call: &MixLevels) {
                 mixed.iter_mut().zip(&enlarged[4 * image..]).for_each(|(mixed, value)| *mixed += share * value);
             }
             for channel in 0..3 {
-                out[channel] = mixed[channel] / mixed[3] * extra[channel];
+                let albedo = if has_albedo { extra[channel] } else { 1.0 };
+                out[channel] = mixed[channel] / mixed[3] * albedo;
                 if let (Some([color, residual]), 0) = (&direct, image) {
                     let direct = color.token(x, y)[channel] + residual.token(x, y)[channel];
                     let averaged = out[channel].max(0.0).ln_1p();

@@ -117,6 +117,21 @@ impl<'a> Mending<'a> {
         (light, if lamp { Way::Lamp } else { way })
     }
 
+    /// The frame.
+    pub fn frame(&self) -> &FrameData {
+        self.frame
+    }
+
+    /// The means of two numbers over the nearest of the rings around a pixel that has any.
+    pub fn ring(&self, x: usize, y: usize, read: impl Fn(usize, usize) -> Option<[f64; 2]>) -> Option<[f64; 2]> {
+        (1..=MEND_REACH).find_map(|reach| {
+            let ring = around(self.frame, (x, y), reach).filter(|(.., away)| *away == reach);
+            let found: Vec<[f64; 2]> = ring.filter_map(|(x, y, _)| read(x, y)).collect();
+            let mean = |which: usize| found.iter().map(|pair| pair[which]).sum::<f64>() / found.len() as f64;
+            (!found.is_empty()).then(|| [mean(0), mean(1)])
+        })
+    }
+
     fn tile(&self, x: usize, y: usize) -> &[f64] {
         let columns = self.frame.size()[0].div_ceil(TILE as usize);
         let words = TILE_WORDS as usize;
@@ -135,7 +150,8 @@ impl<'a> Mending<'a> {
         share > NOISY_SHARE
     }
 
-    fn way(&self, x: usize, y: usize) -> Way {
+    /// How the network is to take a pixel, a lamp of +Inf aside.
+    pub fn way(&self, x: usize, y: usize) -> Way {
         let samples = self.frame.samples(x, y);
         let light = brightness(samples);
         if light <= KEPT[0] * self.key || samples.contains(&f32::INFINITY) {
@@ -175,7 +191,7 @@ impl<'a> Mending<'a> {
     }
 
     /// What +Inf counts for, and whether it is a lamp.
-    fn infinite(&self, x: usize, y: usize) -> (f64, bool) {
+    pub fn infinite(&self, x: usize, y: usize) -> (f64, bool) {
         let near = || around(self.frame, (x, y), 1).map(|(x, y, _)| (x, y));
         let others = near().filter(|(x, y)| self.frame.samples(*x, *y).contains(&f32::INFINITY)).count();
         let good = near().chain([(x, y)]).filter(|(x, y)| self.way(*x, *y) == Way::AsItIs);

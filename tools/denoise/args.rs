@@ -1,9 +1,9 @@
 //! The command line.
 
 use crate::ranges::Frames;
-use clap::Parser;
+use clap::{Parser, ValueEnum};
 use std::path::PathBuf;
-use vkdenoise::exr_io::FeatureSource;
+use vkdenoise::exr_io::{AovLayer, FeatureSource, SignalLayers};
 use vkdenoise::{Cache, DeviceSelector, Exposure, Fireflies, Precision, Quality, Quiet, QuietMode, Region};
 
 /// Denoises OpenEXR renders with Vulkan.
@@ -54,6 +54,21 @@ pub struct Args {
     /// Layer to write the result into, by the same names, in place of the one that it is made from
     #[arg(long, value_name = "NAME")]
     pub into: Option<String>,
+
+    /// Layers to denoise beside the colour with its kernels, so that sums hold, each into its own place: red, green and
+    /// blue are a part of the light, anything else is averaged as it is. NAME:value or NAME:light says otherwise. Needs
+    /// --quality high
+    #[arg(long, value_name = "NAME", num_args = 1.., value_parser = parsed::<AovLayer>)]
+    pub aov: Vec<AovLayer>,
+
+    /// The same for light groups, found by the names that renderers write (Combined_NAME, RGBA_NAME, Beauty_NAME,
+    /// C_NAME, ...): auto or none
+    #[arg(long, value_name = "G", default_value = "none")]
+    pub light_groups: LightGroups,
+
+    /// What becomes of the colour's alpha: keep it, or denoise it with the colour's kernels
+    #[arg(long, value_name = "A", default_value = "keep")]
+    pub alpha: Alpha,
 
     /// View to denoise (left, right, a camera). Without it: all views of the file
     #[arg(long, value_name = "NAME")]
@@ -147,6 +162,24 @@ pub struct Args {
     pub list_devices: bool,
 }
 
+/// Which light groups are denoised.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum LightGroups {
+    /// Those that are by their names
+    Auto,
+    /// None
+    None,
+}
+
+/// What becomes of alpha.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Alpha {
+    /// It is denoised with the colour's kernels
+    Denoise,
+    /// It stays as it is
+    Keep,
+}
+
 /// Parses by the type's own rule and hands on its words.
 fn parsed<T: std::str::FromStr<Err: std::fmt::Display>>(text: &str) -> Result<T, String> {
     text.parse().map_err(|error: T::Err| error.to_string())
@@ -167,6 +200,12 @@ fn exposure(text: &str) -> Result<Exposure, String> {
 }
 
 impl Args {
+    /// What is denoised beside the colour.
+    pub fn signals(&self) -> SignalLayers {
+        let (light_groups, alpha) = (self.light_groups == LightGroups::Auto, self.alpha == Alpha::Denoise);
+        SignalLayers { aovs: self.aov.clone(), light_groups, alpha }
+    }
+
     /// What is left out as it needs no denoising.
     pub fn quiet(&self) -> Option<Quiet> {
         let threshold = self.skip_below.or_else(|| self.quality.quiet().map(|quiet| quiet.threshold));

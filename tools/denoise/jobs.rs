@@ -91,6 +91,7 @@ pub fn plan(args: &Args) -> Result<Plan, Failure> {
                 depth: with(&args.depth, &input)?,
                 variance: noise(&args.variance, &input)?,
                 samples: noise(&args.samples, &input)?,
+                signals: args.signals(),
             },
             reference: args.reference.as_deref().map(|file| companion(file, &input)).transpose()?,
             png: previews.as_ref().map(|target| target.path(&input, "png")).transpose()?,

@@ -51,6 +51,9 @@ struct Layers {
     depth: Option<String>,
     variance: Option<String>,
     samples: Option<String>,
+    /// What was denoised beside the colour.
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    signals: Vec<String>,
 }
 
 /// How much of a part of the network ran.
@@ -161,6 +164,7 @@ impl Outcome<'_> {
                 depth: name(&self.selection.depth),
                 variance: name(&self.selection.variance),
                 samples: name(&self.selection.samples),
+                signals: self.selection.signals.iter().map(UsedLayer::to_string).collect(),
             },
             figures: self.figures.as_ref().map(|[noisy, denoised]| FigureRecord {
                 psnr_noisy: noisy.psnr,
@@ -231,6 +235,10 @@ pub fn selection_text(job: &Job, selection: &Selection) -> String {
     }
     for (role, layer) in [("variance", &selection.variance), ("samples", &selection.samples)] {
         layer.iter().for_each(|layer| text.push_str(&format!(", {role} {layer}")));
+    }
+    if !selection.signals.is_empty() {
+        let names: Vec<String> = selection.signals.iter().map(UsedLayer::to_string).collect();
+        text.push_str(&format!("; with it {}", names.join(", ")));
     }
     selection.notes.iter().for_each(|note| text.push_str(&format!("\n{input}: {note}")));
     text

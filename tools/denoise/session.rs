@@ -7,10 +7,10 @@ use crate::reporter::Reporter;
 use crate::{Failure, interrupt, preview};
 use std::borrow::Cow;
 use std::io::{Cursor, Write};
-use vkdenoise::exr_io::{ExrError, ExrFrame, ExrOutput, LayerOptions};
+use vkdenoise::exr_io::{ExrError, ExrFrame, ExrOutput, ExrSignal, LayerOptions};
 use vkdenoise::{
-    ActiveTiles, Denoiser, Device, DeviceOptions, DeviceSelector, Error, Extent, Layout, Options, PlaneMut, Precision,
-    Report, Weights,
+    ActiveTiles, Denoiser, Device, DeviceOptions, DeviceSelector, Error, Extent, Layout, Options, Plane, PlaneMut,
+    Precision, Report, Signal, Weights,
 };
 
 /// Why an image is not done.
@@ -60,6 +60,7 @@ impl Engine {
             fireflies: *fireflies,
             memory_budget: memory_budget.map(|mib| mib << 20),
             quiet: args.quiet(),
+            signals: !args.signals().is_empty(),
             ..Options::default()
         };
         let mut denoiser = Denoiser::new(&device, weights, &options)?;
@@ -72,6 +73,8 @@ impl Engine {
 struct Done<'a> {
     frame: &'a ExrFrame,
     color: Vec<f32>,
+    /// Of each of the frame's signals.
+    signals: Vec<Vec<f32>>,
     reference: Option<ExrFrame>,
     report: Report,
     active: Option<ActiveTiles>,
@@ -124,7 +127,10 @@ impl<'a> Session<'a> {
         };
         let mut color = vec![0.0; frame.color().len()];
         let target = PlaneMut::f32(&mut color, Layout::interleaved(extent, 3));
-        let report = engine.denoiser.denoise(&frame.frame(), target).map_err(|error| {
+        let mut signals: Vec<Vec<f32>> = frame.signals().iter().map(|s| vec![0.0; s.samples().len()]).collect();
+        let mut planes: Vec<Signal> =
+            frame.signals().iter().zip(&mut signals).map(|(signal, out)| planes(extent, signal, out)).collect();
+        let report = engine.denoiser.denoise_with(&frame.frame(), target, &mut planes).map_err(|error| {
             let message = format!("{}: {error}", job.input.display());
             match error {
                 Error::DeviceLost => Trouble::Everything(Failure::Failed(message)),
@@ -132,12 +138,18 @@ impl<'a> Session<'a> {
             }
         })?;
         frame.keep_empty(&mut color);
-        Ok(Done { frame, color, reference, report, active: engine.denoiser.active_tiles().cloned() })
+        for (signal, values) in frame.signals().iter().zip(&mut signals) {
+            frame.keep_empty_signal(signal, values);
+        }
+        Ok(Done { frame, color, signals, reference, report, active: engine.denoiser.active_tiles().cloned() })
     }
 
     fn write(&self, job: &Job, done: &[Done]) -> Result<(), Trouble> {
         let pictures: Vec<(&ExrFrame, &[f32])> = done.iter().map(|done| (done.frame, done.color.as_slice())).collect();
-        let output = ExrOutput::new(&pictures, self.args.region)?;
+        let mut output = ExrOutput::new(&pictures, self.args.region)?;
+        for view in done {
+            output = output.with_signals(view.frame, &view.signals)?;
+        }
         match &job.output {
             Output::File(path) => {
                 let _whole = interrupt::hold_off();
@@ -202,6 +214,17 @@ impl<'a> Session<'a> {
             figures,
         };
         self.reporter.done(&outcome).map_err(Trouble::Everything)
+    }
+}
+
+/// A signal of a file, and where its result goes.
+fn planes<'v>(extent: Extent, signal: &'v ExrSignal, out: &'v mut [f32]) -> Signal<'v> {
+    let layout = Layout::interleaved(extent, signal.channels());
+    Signal {
+        kind: signal.kind(),
+        channels: signal.channels() as u32,
+        plane: Plane::f32(signal.samples(), layout),
+        output: PlaneMut::f32(out, layout),
     }
 }
 

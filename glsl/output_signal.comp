@@ -1,0 +1,99 @@
+// A signal that went through the colour's kernels to the caller's plane, cropped to the frame: with what goes around the kernels, as
+// the colour; where the colour's result is cut at the frame's largest sample, a part of the light is by the same factor. Where a map says
+// what is quiet, quiet pixels are the caller's, but for a blend beside those that are not.
+#version 460
+#include "shared/storage.glsl"
+#include "shared/tiles.glsl"
+#include "shared/stats.glsl"
+#include "shared/planes.glsl"
+#include "shared/quiet.glsl"
+#include "shared/signals.glsl"
+#ifdef TARGET_F16
+#extension GL_EXT_shader_16bit_storage : require
+#extension GL_EXT_shader_explicit_arithmetic_types_float16 : require
+#endif
+
+layout(local_size_x = 64) in;
+
+#ifdef TARGET_F16
+layout(buffer_reference, std430, buffer_reference_align = 2) writeonly buffer TargetPlane { float16_t v[]; };
+#define SAMPLE float16_t
+#define TARGET_MAX 65504.0
+#else
+layout(buffer_reference, std430, buffer_reference_align = 4) writeonly buffer TargetPlane { float v[]; };
+#define SAMPLE float
+#define TARGET_MAX MAX_FLOAT
+#endif
+layout(buffer_reference, std430, buffer_reference_align = 4) readonly buffer SignalPlane { uint v[]; };
+
+layout(push_constant) uniform Push {
+    Weights filtered;
+    Weights color;        // the colour's result
+    Weights direct;       // what goes around the kernels, every second vector
+    Stats stats;
+    TargetPlane dst;
+    SignalPlane signal;   // the caller's, with FLAG_QUIET
+    Uints map;            // with FLAG_QUIET
+    TileList tiles;       // with FLAG_TILE_LIST
+    uint dst_pixel;       // in samples, like the other strides
+    uint dst_row;
+    uint dst_channel;
+    uint signal_pixel;
+    uint signal_row;
+    uint signal_channel;
+    uint left;            // the pixels to write, ends excluded
+    uint top;
+    uint right;
+    uint bottom;
+    uint src_width;
+    uint first_tile;      // x | y << 16, in half tiles
+    uint tile_count;
+    uint flags;
+    float blend;
+    uint unused;
+};
+
+#include "shared/read_signal.glsl"
+
+const uint FLAG_QUIET = 16u;
+#include "shared/quiet_share.glsl"
+
+void main() {
+    uint slot = group_index();
+    if (slot >= tiles_of(tile_count, flags, tiles)) return;
+    uvec2 at = tile_origin(slot, first_tile, flags, tiles);
+    at += uvec2(gl_LocalInvocationID.x % 8u, gl_LocalInvocationID.x / 8u);
+    if (at.x < left || at.x >= right || at.y < top || at.y >= bottom) return;
+
+    uint pixel = at.y * src_width + at.x;
+    bool light = (flags & FLAG_LIGHT) != 0u;
+    float quiet = (flags & FLAG_QUIET) != 0u ? quiet_share(at) : 0.0;
+    vec3 result = vec3(0.0);
+    if (quiet < 1.0) {
+        float inverse = light ? 1.0 / stats.exposure : 1.0;
+        result = LOAD_WEIGHTS(filtered, pixel).xyz * inverse;
+        if (light) {
+            vec3 of_color = LOAD_WEIGHTS(color, pixel).xyz;
+            for (int i = 0; i < 3; ++i) {
+                float clean = min(max(of_color[i], 0.0) * inverse, MAX_FLOAT);
+                if (clean > stats.largest[i]) result[i] *= stats.largest[i] / clean;
+            }
+        }
+        // Its last number tells the channels of which it is all.
+        vec4 around = LOAD_WEIGHTS(direct, 2u * pixel + 1u);
+        bvec3 alone = bvec3(uvec3(around.w) >> uvec3(0u, 1u, 2u) & 1u);
+        result = mix((1.0 - blend) * result, vec3(0.0), alone) + around.xyz * inverse;
+        result = clamp(result, -TARGET_MAX, TARGET_MAX);
+    }
+    if (quiet > 0.0) {
+        vec3 own = read_signal(at);
+        own = mix(vec3(0.0), clamp(own, -TARGET_MAX, TARGET_MAX), are_finite(own));
+        result = quiet < 1.0 ? mix(result, own, quiet) : own;
+    }
+    if ((flags & FLAG_ALPHA) != 0u) result = clamp(result, 0.0, 1.0);
+    uint index = at.y * dst_row + at.x * dst_pixel;
+    dst.v[index] = SAMPLE(result.x);
+    if ((flags & FLAG_SIGNAL_ONE) != 0u) return;
+    dst.v[index + dst_channel] = SAMPLE(result.y);
+    dst.v[index + 2u * dst_channel] = SAMPLE(result.z);
+}

@@ -1,0 +1,241 @@
+//! Signals beside the colour, on their way to the kernels that were predicted for it and from there ([`crate::signals`]).
+
+use super::contracts;
+use super::frame_io::{color_flags, firefly_flags};
+use super::pushes::{InputSignalPush, OutputSignalPush};
+use super::stats::STATS_FLOATS;
+use super::{
+    Access, Addresses, BufferId, Grid, Kernel, KernelTarget, PlaneArgs, PushBytes, Scale, Storage, Tiles, Traffic, Variant,
+    View, by_storage, flags, groups,
+};
+use crate::frame::Region;
+use crate::signals::SignalKind;
+
+/// A signal of one recording.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SignalArgs {
+    /// What it is.
+    pub kind: SignalKind,
+    /// Channels, 1 or 3.
+    pub channels: u32,
+    /// The caller's samples.
+    pub plane: PlaneArgs,
+    /// Where they go; of halves where [`KernelTarget::output_half`] says so.
+    pub output: PlaneArgs,
+}
+
+impl SignalArgs {
+    /// The address of the word that the first sample lies in, and the flags that say what the signal is.
+    fn source(&self) -> (u64, u32) {
+        let bytes = if self.plane.half { 2 } else { 4 };
+        let first = self.plane.address + u64::from(self.plane.offset) * bytes;
+        let flags = [
+            (self.plane.half, flags::SIGNAL_HALF),
+            (first % 4 != 0, flags::SIGNAL_ODD),
+            (self.channels == 1, flags::SIGNAL_ONE),
+            (self.kind == SignalKind::Light, flags::LIGHT),
+            (self.kind == SignalKind::Alpha, flags::ALPHA),
+        ];
+        (first & !3, flags.into_iter().filter(|(is, _)| *is).map(|(_, flag)| flag).sum())
+    }
+}
+
+/// The signal that is being recorded; one that is not there has no samples.
+fn signal(at: &Addresses) -> SignalArgs {
+    let none = PlaneArgs::default();
+    at.frame.signal.unwrap_or(SignalArgs { kind: SignalKind::Value, channels: 1, plane: none, output: none })
+}
+
+/// A signal to what predicted kernels read: the reliability times the image, and the reliability. Then what goes around the kernels. One
+/// group per tile.
+///
+/// The image of a part of the light is as the colour's: exposed, by the albedo, at most as much of it as the network is given of the
+/// colour; where the colour is mended ([`super::frame_io::InputColor`]) the mean of the same pixels. Another signal's is the signal.
+/// A sample that is not finite is the mean of those of the nearest of four rings of pixels that are, else 0.
+#[derive(Clone, Debug, PartialEq)]
+pub struct InputSignal {
+    /// The statistics.
+    pub stats: BufferId,
+    /// What is known of every tile of the colour.
+    pub tile_stats: BufferId,
+    /// The colour's reliability times its image, and the reliability; 32-bit floats.
+    pub taps: View,
+    /// Albedo in the first three channels.
+    pub albedo: View,
+    /// Eight channels of padded size, 32-bit floats: as `taps`; then what is added to the result, exposed where it is light, and a bit for
+    /// each channel of which it is all.
+    pub dst: View,
+    /// Size of the frame in pixels.
+    pub width: u32,
+    /// Size of the frame in pixels.
+    pub height: u32,
+    /// Tiles of the padded frame.
+    pub tiles: Tiles,
+}
+
+impl InputSignal {
+    /// What predicted kernels read of it.
+    pub fn image(&self) -> View {
+        View { channels: 4, ..self.dst }
+    }
+}
+
+impl Kernel for InputSignal {
+    fn choose(&self, target: KernelTarget) -> Variant {
+        let (f32, f16) = match target.images {
+            false => (&contracts::INPUT_SIGNAL, &contracts::INPUT_SIGNAL_FROM_F16),
+            true => (&contracts::INPUT_SIGNAL_IMAGE, &contracts::INPUT_SIGNAL_IMAGE_FROM_F16),
+        };
+        Variant::plain(by_storage(self.albedo.storage, f32, f16))
+    }
+
+    fn groups(&self, _: &Variant) -> [u32; 3] {
+        groups(self.tiles.count(self.dst.width, self.dst.height), 1)
+    }
+
+    fn grid(&self) -> Option<Grid> {
+        Some(Grid::of(self.tiles, &self.dst))
+    }
+
+    fn tiles_mut(&mut self) -> Option<&mut Tiles> {
+        Some(&mut self.tiles)
+    }
+
+    fn push(&self, at: &Addresses) -> PushBytes {
+        let (signal, color) = (signal(at), &at.frame.color);
+        let (address, signal_flags) = signal.source();
+        PushBytes::new(&InputSignalPush {
+            color: color.address,
+            stats: at.of(self.stats),
+            tile_stats: at.of(self.tile_stats),
+            signal: address,
+            taps: at.view(&self.taps),
+            albedo: at.view(&self.albedo),
+            dst: at.view(&self.dst),
+            tiles: at.tiles(&self.tiles),
+            color_offset: color.offset,
+            color_pixel: color.pixel,
+            color_row: color.row,
+            color_channel: color.channel,
+            signal_pixel: signal.plane.pixel,
+            signal_row: signal.plane.row,
+            signal_channel: signal.plane.channel,
+            width: self.width,
+            height: self.height,
+            dst_width: self.dst.width,
+            strides: self.taps.stride / 4 | (self.albedo.stride / 4) << 8,
+            first_tile: self.tiles.first(),
+            tile_count: self.tiles.count(self.dst.width, self.dst.height),
+            flags: color_flags(color) & flags::COLOR_HALF
+                | firefly_flags(at.frame.fireflies)
+                | signal_flags
+                | self.tiles.flags(self.dst.width),
+            blend: at.frame.blend,
+            unused: 0,
+        })
+    }
+
+    fn reads_color(&self) -> bool {
+        true
+    }
+
+    fn maps(&mut self, visit: &mut dyn FnMut(&mut View, Access)) {
+        visit(&mut self.taps, Access::SAME);
+        visit(&mut self.albedo, Access::SAME);
+        visit(&mut self.dst, Access::Write(Scale::Same));
+    }
+
+    fn others(&self) -> Traffic {
+        // Of tiles nothing, where nothing of the colour is bright or missing.
+        Traffic::reading([(self.stats, STATS_FLOATS * 4), (self.tile_stats, 0)])
+    }
+}
+
+/// A signal that went through the colour's kernels to the caller's plane, cropped to the frame: mixed with the noisy one by `blend`, with
+/// what goes around the kernels. Where the colour's result is cut at the frame's largest sample, a part of the light is by the same
+/// factor.
+#[derive(Clone, Debug, PartialEq)]
+pub struct OutputSignal {
+    /// The filtered signal, four channels, exposed where it is light; 32-bit floats.
+    pub filtered: View,
+    /// The colour's result, as that.
+    pub color: View,
+    /// [`InputSignal::dst`].
+    pub input: View,
+    /// The statistics.
+    pub stats: BufferId,
+    /// Size of the frame in pixels.
+    pub width: u32,
+    /// Size of the frame in pixels.
+    pub height: u32,
+    /// Tiles of the frame.
+    pub tiles: Tiles,
+    /// The pixels to write.
+    pub region: Region,
+    /// As [`super::frame_io::Output::quiet`]: quiet pixels are the caller's own samples, 0 where they are not finite.
+    pub quiet: Option<BufferId>,
+}
+
+impl Kernel for OutputSignal {
+    fn choose(&self, target: KernelTarget) -> Variant {
+        let storage = if target.output_half { Storage::F16 } else { Storage::F32 };
+        Variant::plain(by_storage(storage, &contracts::OUTPUT_SIGNAL_F32, &contracts::OUTPUT_SIGNAL_F16))
+    }
+
+    fn groups(&self, _: &Variant) -> [u32; 3] {
+        groups(self.tiles.count(self.width, self.height), 1)
+    }
+
+    fn grid(&self) -> Option<Grid> {
+        Some(Grid::new(self.tiles, self.width, self.height))
+    }
+
+    fn tiles_mut(&mut self) -> Option<&mut Tiles> {
+        Some(&mut self.tiles)
+    }
+
+    fn push(&self, at: &Addresses) -> PushBytes {
+        let signal = signal(at);
+        let (address, signal_flags) = signal.source();
+        let sample = if signal.output.half { 2 } else { 4 };
+        PushBytes::new(&OutputSignalPush {
+            filtered: at.view(&self.filtered),
+            color: at.view(&self.color),
+            direct: at.view(&self.input),
+            stats: at.of(self.stats),
+            dst: signal.output.address + u64::from(signal.output.offset) * sample,
+            signal: address,
+            map: self.quiet.map_or(0, |map| at.of(map)),
+            tiles: at.tiles(&self.tiles),
+            dst_pixel: signal.output.pixel,
+            dst_row: signal.output.row,
+            dst_channel: signal.output.channel,
+            signal_pixel: signal.plane.pixel,
+            signal_row: signal.plane.row,
+            signal_channel: signal.plane.channel,
+            left: self.region.x,
+            top: self.region.y,
+            right: self.region.right(),
+            bottom: self.region.bottom(),
+            src_width: self.filtered.width,
+            first_tile: self.tiles.first(),
+            tile_count: self.tiles.count(self.width, self.height),
+            flags: self.tiles.flags(self.width) | signal_flags | self.quiet.map_or(0, |_| flags::QUIET),
+            blend: at.frame.blend,
+            unused: 0,
+        })
+    }
+
+    fn reads_color(&self) -> bool {
+        true
+    }
+
+    fn maps(&mut self, visit: &mut dyn FnMut(&mut View, Access)) {
+        [&mut self.filtered, &mut self.color, &mut self.input].into_iter().for_each(|map| visit(map, Access::SAME));
+    }
+
+    fn others(&self) -> Traffic {
+        let map = self.quiet.map(|map| (map, u64::from(self.width) * u64::from(self.height) / 64));
+        Traffic::reading([(self.stats, STATS_FLOATS * 4)].into_iter().chain(map))
+    }
+}

@@ -1,0 +1,110 @@
+//! Signals beside a frame's colour that go through the kernels which were predicted for it: parts of its light, other layers, alpha.
+//!
+//! The weights must predict kernels and nothing else ([`Weights::hybrid_kernels`](crate::Weights::hybrid_kernels)), and the
+//! denoiser be made with [`Options::signals`](crate::Options::signals). `docs/signals.md` has the rules.
+
+use crate::error::{Error, Result};
+use crate::frame::{Extent, Plane, PlaneMut};
+use crate::kernels::signals::SignalArgs;
+use crate::net::Arch;
+use crate::renderer::BufferPlane;
+use crate::vk::device::Device;
+
+/// What a signal is to the colour.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum SignalKind {
+    /// A part of the light, three channels of linear radiance: a light group, direct or indirect light, a material's part. It is filtered
+    /// as the colour is, divided by the albedo and multiplied again, so that parts that add up to the colour do so afterwards: within 1e-5 of
+    /// the colour where all of them are finite. Negative samples count as they are, but where the colour is negative the part is 0 too.
+    Light,
+    /// Anything else, one or three channels: averaged as it is.
+    Value,
+    /// Coverage, one channel: averaged as it is, and in [0, 1] afterwards.
+    Alpha,
+}
+
+impl SignalKind {
+    fn check(self, channels: u32) -> Result<()> {
+        let (allowed, what) = match self {
+            Self::Light => (channels == 3, "a part of the light has 3 channels"),
+            Self::Value => (channels == 1 || channels == 3, "a signal has 1 channel or 3"),
+            Self::Alpha => (channels == 1, "alpha has 1 channel"),
+        };
+        if allowed {
+            return Ok(());
+        }
+        Err(Error::InvalidOption { option: "signal", reason: format!("{channels} channels; {what}") })
+    }
+}
+
+/// A signal in host memory, and where it goes.
+#[derive(Debug)]
+pub struct Signal<'a> {
+    /// What it is.
+    pub kind: SignalKind,
+    /// Channels of both planes: 3, or 1 but for [`SignalKind::Light`]; 1 for [`SignalKind::Alpha`].
+    pub channels: u32,
+    /// The noisy samples, of the frame's size. Those that are not finite are mended from those around.
+    pub plane: Plane<'a>,
+    /// Where the denoised ones go.
+    pub output: PlaneMut<'a>,
+}
+
+impl Signal<'_> {
+    pub(crate) fn check(&self, extent: Extent) -> Result<()> {
+        self.kind.check(self.channels)?;
+        self.plane.check("signal", extent, self.channels as usize)?;
+        self.output.check("signal's output", extent, self.channels as usize)
+    }
+}
+
+/// A signal in a renderer's buffers, beside a frame in its buffers or in its images.
+#[derive(Clone, Copy, Debug)]
+pub struct BufferSignal {
+    /// What it is.
+    pub kind: SignalKind,
+    /// Channels, as [`Signal::channels`].
+    pub channels: u32,
+    /// The noisy samples.
+    pub plane: BufferPlane,
+    /// Where the denoised ones go, in samples of the same type as the frame's output has. It may be the same plane.
+    pub output: BufferPlane,
+}
+
+impl BufferSignal {
+    /// Checks the signal and finds its addresses.
+    ///
+    /// # Safety
+    /// The buffers must be as their fields say.
+    pub(crate) unsafe fn resolve(&self, device: &Device, extent: Extent, output_half: bool) -> Result<SignalArgs> {
+        self.kind.check(self.channels)?;
+        let channels = self.channels as usize;
+        // SAFETY: the caller vouches for the buffers.
+        let (plane, output) = unsafe {
+            let plane = self.plane.resolve(device, "signal", extent, channels)?;
+            (plane, self.output.resolve(device, "signal's output", extent, channels)?)
+        };
+        if output.half != output_half {
+            let reason = "a signal's output has samples of another type than the frame's output; give both the same";
+            return Err(Error::Binding(reason.into()));
+        }
+        Ok(SignalArgs { kind: self.kind, channels: self.channels, plane, output })
+    }
+}
+
+/// What a denoiser says that was made for frames without signals.
+pub(crate) fn not_asked_for() -> Error {
+    let reason = "the denoiser was made without them; set Options::signals (with weights that predict kernels: Quality::High)";
+    Error::InvalidOption { option: "signals", reason: reason.into() }
+}
+
+/// Refuses weights through whose kernels no signal can go.
+pub(crate) fn check_head(arch: &Arch) -> Result<()> {
+    let why = match arch.head.kernels() {
+        Some(head) if !head.gated => return Ok(()),
+        Some(_) => "mixes a residual of the colour alone into its result",
+        None => "adds a residual to the colour and predicts no kernels",
+    };
+    let reason = format!("'{}' {why}; take Quality::High (--quality high, Weights::hybrid_kernels)", arch.name);
+    Err(Error::InvalidOption { option: "signals", reason })
+}
