@@ -230,14 +230,11 @@ impl HostPass {
         let input_bytes = input_bytes(self.pass.plan());
         let [from, to] = self.in_device.as_ref().map_or([&self.input, &self.output], |[input, output]| [input, output]);
         let input = |first, channels| plane(from, input_bytes, first, channels);
-        let frame = BufferFrame {
-            color: input(0, 3),
-            albedo: albedo.then(|| input(3, 3)),
-            normal: normal.then(|| input(6, 3)),
-            depth: depth.then(|| input(9, 1)),
-            noise: noise.map(|kind| Noise { plane: input(10, 1), kind }),
-            output: plane(to, plane_bytes(extent), 0, 3),
-        };
+        let mut frame = BufferFrame::new(input(0, 3), plane(to, plane_bytes(extent), 0, 3));
+        frame.albedo = albedo.then(|| input(3, 3));
+        frame.normal = normal.then(|| input(6, 3));
+        frame.depth = depth.then(|| input(9, 1));
+        frame.noise = noise.map(|kind| Noise { plane: input(10, 1), kind });
         // SAFETY: the buffers are our own and as described.
         unsafe { self.pass.bind_buffers_with(&frame, &signals) }
     }

@@ -48,36 +48,40 @@
 //! absurd lone pixels are mended and stay local; lamps and suns keep their energy; fireflies are a choice
 //! ([`Fireflies`]). All types are `Send` and `Sync`; what records or runs takes `&self` or `&mut self` as its doc says.
 
+/// Modules that are the library's own; the feature `internals` shows them to its tools and tests. They change without notice.
+macro_rules! internals {
+    ($($name:ident)*) => {
+        $(
+            #[cfg(feature = "internals")]
+            pub mod $name;
+            #[cfg(not(feature = "internals"))]
+            #[allow(dead_code, unused_imports, reason = "tools and tests use more of it than the library does")]
+            mod $name;
+        )*
+    };
+}
+
+internals! { frame kernels microbench net options plan reference target testing vk }
+
 mod cache;
-pub mod denoiser;
+mod denoiser;
 mod descriptors;
 mod engine;
-pub mod error;
+mod error;
 #[cfg(feature = "exr")]
 pub mod exr_io;
-pub mod frame;
 mod host;
 mod host_signals;
-pub mod kernels;
 mod memory;
 pub mod metrics;
-pub mod microbench;
-pub mod net;
-pub mod options;
 mod parallel;
-pub mod pass;
+mod pass;
 mod pipelines;
-pub mod plan;
 pub mod profile;
 mod quality;
 mod record;
-pub mod reference;
-pub mod renderer;
-pub mod signals;
-pub mod target;
-#[doc(hidden)]
-pub mod testing;
-pub mod vk;
+mod renderer;
+mod signals;
 
 /// Vulkan's types and functions, in the version that the library's signatures name.
 pub use ash;

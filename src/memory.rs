@@ -12,6 +12,7 @@ const OUTPUT_FLOATS: u64 = 3;
 
 /// Device memory that a frame size takes, in bytes. The caller's own planes are apart.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct MemoryRequired {
     /// The feature maps between the kernels.
     pub arena: u64,

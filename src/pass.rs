@@ -248,9 +248,8 @@ impl Pass {
             return Err(signals::not_asked_for());
         }
         // SAFETY: the caller vouches for the buffers.
-        let resolve = |signal: &BufferSignal| unsafe {
-            signal.resolve(&self.engine.device, self.plan.extent, output_half)
-        };
+        let resolve =
+            |signal: &BufferSignal| unsafe { signal.resolve(&self.engine.device, self.plan.extent, output_half) };
         signals.iter().map(resolve).collect()
     }
 

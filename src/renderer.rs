@@ -90,6 +90,7 @@ pub struct FrameStatistics {
 
 /// A frame in the renderer's buffers. Output and colour may be the same plane.
 #[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
 pub struct BufferFrame {
     /// Noisy colour, linear radiance.
     pub color: BufferPlane,
@@ -103,6 +104,13 @@ pub struct BufferFrame {
     pub noise: Option<Noise<BufferPlane>>,
     /// Where the denoised colour goes.
     pub output: BufferPlane,
+}
+
+impl BufferFrame {
+    /// A frame of colour alone; its other fields say what else there is.
+    pub fn new(color: BufferPlane, output: BufferPlane) -> Self {
+        Self { color, albedo: None, normal: None, depth: None, noise: None, output }
+    }
 }
 
 /// Format of an image.
@@ -133,6 +141,7 @@ pub struct ImagePlane {
 
 /// A frame in the renderer's images. The output's alpha becomes the colour's. Output and colour must be two images.
 #[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
 pub struct ImageFrame {
     /// Noisy colour, linear radiance.
     pub color: ImagePlane,
@@ -146,6 +155,13 @@ pub struct ImageFrame {
     pub noise: Option<Noise<ImagePlane>>,
     /// Where the denoised colour goes.
     pub output: ImagePlane,
+}
+
+impl ImageFrame {
+    /// A frame of colour alone; its other fields say what else there is.
+    pub fn new(color: ImagePlane, output: ImagePlane) -> Self {
+        Self { color, albedo: None, normal: None, depth: None, noise: None, output }
+    }
 }
 
 impl BufferPlane {

@@ -94,7 +94,8 @@ impl BufferSignal {
 
 /// What a denoiser says that was made for frames without signals.
 pub(crate) fn not_asked_for() -> Error {
-    let reason = "the denoiser was made without them; set Options::signals (with weights that predict kernels: Quality::High)";
+    let reason =
+        "the denoiser was made without them; set Options::signals (with weights that predict kernels: Quality::High)";
     Error::InvalidOption { option: "signals", reason: reason.into() }
 }
 

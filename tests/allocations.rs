@@ -62,7 +62,8 @@ fn recording_allocates_nothing() {
         let denoiser = Denoiser::new(&device, &weights, &Options::default()).unwrap();
         let pass = denoiser.pass(EXTENT).unwrap();
         for albedo in [None, Some(plane)] {
-            let frame = BufferFrame { color: plane, albedo, normal: None, depth: None, noise: None, output: plane };
+            let mut frame = BufferFrame::new(plane, plane);
+            frame.albedo = albedo;
             // SAFETY: the buffer lives to the end of the test.
             let binding = unsafe { pass.bind_buffers(&frame) }.unwrap();
             let record = |options: FrameOptions| {

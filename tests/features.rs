@@ -19,19 +19,9 @@ use vkdenoise::{
 
 const EXTENT: Extent = Extent::new(150, 100);
 
-const KEEPING: Options = Options {
-    quiet: None,
-    precision: vkdenoise::Precision::Auto,
-    exposure: vkdenoise::Exposure::Auto,
-    blend: 0.0,
-    fireflies: vkdenoise::Fireflies::Auto,
-    folds: None,
-    conv: None,
-    separable: None,
-    keep_features: true,
-    memory_budget: None,
-    max_chain_bytes: None,
-};
+fn keeping() -> Options {
+    Options { keep_features: true, ..Options::default() }
+}
 
 struct Picture {
     color: Vec<f32>,
@@ -131,7 +121,7 @@ fn the_host_path_keeps_features() {
     let [first, second, third] = [1, 2, 3].map(Picture::new);
     let mut plain = Denoiser::new(device(), &weights(), &Options::default()).unwrap();
     let mut whole = |color: &Picture, features: &Picture| denoise(&mut plain, &color.frame(features)).unwrap();
-    let mut keeping = Denoiser::new(device(), &weights(), &KEEPING).unwrap();
+    let mut keeping = Denoiser::new(device(), &weights(), &keeping()).unwrap();
 
     keeping.set_features_unchanged(true);
     let refused = denoise(&mut keeping, &first.frame(&first));
@@ -175,7 +165,7 @@ fn a_renderer_keeps_features() {
     let renderer = Renderer::new();
     // SAFETY: the renderer lives to the end of the test.
     let device = unsafe { Device::from_renderer(renderer.handles()) }.unwrap();
-    let denoiser = Denoiser::new(&device, &weights(), &KEEPING).unwrap();
+    let denoiser = Denoiser::new(&device, &weights(), &keeping()).unwrap();
     let pass = denoiser.pass(EXTENT).unwrap();
     let pixels = EXTENT.pixels() as usize;
     let input = renderer.buffer(40 * EXTENT.pixels());
@@ -186,14 +176,10 @@ fn a_renderer_keeps_features() {
         format: SampleFormat::F32,
         layout: Layout { offset, ..Layout::interleaved(EXTENT, channels) },
     };
-    let frame = BufferFrame {
-        color: plane(&input, 0, 3),
-        albedo: Some(plane(&input, 3 * pixels, 3)),
-        normal: Some(plane(&input, 6 * pixels, 3)),
-        depth: Some(plane(&input, 9 * pixels, 1)),
-        noise: None,
-        output: plane(&output, 0, 3),
-    };
+    let mut frame = BufferFrame::new(plane(&input, 0, 3), plane(&output, 0, 3));
+    frame.albedo = Some(plane(&input, 3 * pixels, 3));
+    frame.normal = Some(plane(&input, 6 * pixels, 3));
+    frame.depth = Some(plane(&input, 9 * pixels, 1));
     // SAFETY: the buffers live to the end of the test.
     let binding = unsafe { pass.bind_buffers(&frame) }.unwrap();
     let mut plain = Denoiser::new(common::device::device(), &weights(), &Options::default()).unwrap();
@@ -293,7 +279,7 @@ fn other_networks_without_features() {
         };
         let weights = Weights::hashed(&arch, PREPROCESSING, 5).unwrap();
         let forms =
-            Options { conv: Some(ConvAlgorithm::Winograd(tile)), separable: Some(SeparableForm::Fused), ..KEEPING };
+            Options { conv: Some(ConvAlgorithm::Winograd(tile)), separable: Some(SeparableForm::Fused), ..keeping() };
         for options in [Options::default(), forms] {
             check_missing(&weights, Extent::new(290, 300), &options);
         }

@@ -16,7 +16,7 @@ use vkdenoise::reference::Reference;
 use vkdenoise::testing::denoise_and_read;
 use vkdenoise::{
     BufferFrame, BufferPlane, Denoiser, Device, DeviceKind, Error, Extent, Features, Frame, FrameOptions, Layout,
-    Options, Plane, PlaneMut, Precision, RendererDevice, SampleFormat,
+    Options, Plane, PlaneMut, Precision, SampleFormat,
 };
 
 /// What rounding factors to halves may cost a whole pass.
@@ -143,7 +143,7 @@ fn a_renderers_device_has_matrices_where_it_enabled_them() {
     buffer.write(bytemuck::cast_slice(&color));
     let rgb = Layout::interleaved(extent, 3);
     let plane = BufferPlane { buffer: buffer.raw, size: buffer.size, format: SampleFormat::F32, layout: rgb };
-    let frame = BufferFrame { color: plane, albedo: None, normal: None, depth: None, noise: None, output: plane };
+    let frame = BufferFrame::new(plane, plane);
     let pass = denoiser.pass(extent).unwrap();
     // SAFETY: the buffer lives to the end of the test.
     let binding = unsafe { pass.bind_buffers(&frame) }.unwrap();
@@ -158,7 +158,8 @@ fn a_renderers_device_has_matrices_where_it_enabled_them() {
     on_host.denoise(&frame, PlaneMut::f32(&mut expected, rgb)).unwrap();
     assert_same_bits(bytemuck::cast_slice(&buffer.read()), &expected, "the renderer's frame");
 
-    let handles = RendererDevice { cooperative_matrix: None, ..renderer.handles() };
+    let mut handles = renderer.handles();
+    handles.cooperative_matrix = None;
     // SAFETY: as above.
     let without = unsafe { Device::from_renderer(handles) }.unwrap();
     assert!(!without.has_matrices());

@@ -179,7 +179,8 @@ fn a_renderer_gives_the_exposure_and_is_told_it() {
     let bind = |output: &RendererBuffer, with_depth: bool| {
         let depth = with_depth.then(|| depth_plane(&depths));
         let (color, output) = (plane(&input), plane(output));
-        let frame = BufferFrame { color, albedo: None, normal: None, depth, noise: None, output };
+        let mut frame = BufferFrame::new(color, output);
+        frame.depth = depth;
         // SAFETY: the buffers live to the end of the test.
         unsafe { pass.bind_buffers(&frame) }.unwrap()
     };

@@ -13,8 +13,7 @@ use vkdenoise::profile::Roof;
 use vkdenoise::target::Target;
 use vkdenoise::{
     BufferFrame, BufferPlane, Denoiser, Device, DeviceKind, DeviceOptions, DeviceSelector, Error, Extent, Features,
-    Frame, FrameOptions, KernelRecord, Layout, Options, Plane, PlaneMut, Precision, RendererDevice, SampleFormat,
-    Weights,
+    Frame, FrameOptions, KernelRecord, Layout, Options, Plane, PlaneMut, Precision, SampleFormat, Weights,
 };
 
 const EXTENT: Extent = Extent::new(150, 100);
@@ -117,7 +116,7 @@ fn a_renderers_frames_have_slots_of_their_own() {
         format: SampleFormat::F32,
         layout: Layout::interleaved(EXTENT, 3),
     };
-    let frame = BufferFrame { color: plane, albedo: None, normal: None, depth: None, noise: None, output: plane };
+    let frame = BufferFrame::new(plane, plane);
     // SAFETY: the buffer lives to the end of the test.
     let binding = unsafe { pass.bind_buffers(&frame) }.unwrap();
 
@@ -156,7 +155,8 @@ fn a_renderers_frames_have_slots_of_their_own() {
     });
     drop((profiler, binding, other, pass, denoiser));
 
-    let handles = RendererDevice { host_query_reset: false, ..renderer.handles() };
+    let mut handles = renderer.handles();
+    handles.host_query_reset = false;
     // SAFETY: as above.
     let without = unsafe { Device::from_renderer(handles) }.unwrap();
     let denoiser = Denoiser::new(&without, &Weights::hybrid().unwrap(), &Options::default()).unwrap();

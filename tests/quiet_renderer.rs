@@ -94,7 +94,8 @@ fn in_buffers() {
     };
     let noise = Some(Noise { plane: plane(&counts, 1), kind: NoiseKind::Samples });
     let (color, output_plane) = (plane(&input, 3), plane(&output, 3));
-    let frame = BufferFrame { color, albedo: None, normal: None, depth: None, noise, output: output_plane };
+    let mut frame = BufferFrame::new(color, output_plane);
+    frame.noise = noise;
     // SAFETY: the buffers live to the end of the test.
     let binding = unsafe { pass.bind_buffers(&frame) }.unwrap();
     let active = run(&renderer, &pass, |commands| {
@@ -122,7 +123,8 @@ fn in_images() {
     let output = image(&[], 3, ImageFormat::Rgba32F);
     let noise = Some(Noise { plane: counts.plane(), kind: NoiseKind::Samples });
     let (color, output_plane) = (input.plane(), output.plane());
-    let frame = ImageFrame { color, albedo: None, normal: None, depth: None, noise, output: output_plane };
+    let mut frame = ImageFrame::new(color, output_plane);
+    frame.noise = noise;
     // SAFETY: the images live to the end of the test.
     let binding = unsafe { pass.bind_images(&frame) }.unwrap();
     let active = run(&renderer, &pass, |commands| {

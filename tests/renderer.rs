@@ -81,14 +81,10 @@ fn two_frames_in_flight_in_the_renderers_buffers() {
         let all: Vec<f32> =
             [&picture.color, &picture.albedo, &picture.normal, &picture.depth].into_iter().flatten().copied().collect();
         input.write(bytemuck::cast_slice(&all));
-        let frame = BufferFrame {
-            color: plane(&input, 0, 3),
-            albedo: Some(plane(&input, 3 * pixels, 3)),
-            normal: Some(plane(&input, 6 * pixels, 3)),
-            depth: Some(plane(&input, 9 * pixels, 1)),
-            noise: None,
-            output: plane(&output, 5, 3),
-        };
+        let mut frame = BufferFrame::new(plane(&input, 0, 3), plane(&output, 5, 3));
+        frame.albedo = Some(plane(&input, 3 * pixels, 3));
+        frame.normal = Some(plane(&input, 6 * pixels, 3));
+        frame.depth = Some(plane(&input, 9 * pixels, 1));
         // SAFETY: the buffers live to the end of the test.
         let binding = unsafe { pass.bind_buffers(&frame) }.unwrap();
         frames.push((binding, input, output));
@@ -131,14 +127,10 @@ fn the_renderers_images() {
         let normal = image(&picture.normal, 3, format);
         let depth = image(&picture.depth, 1, ImageFormat::R32F);
         let output = image(&[], 3, format);
-        let frame = ImageFrame {
-            color: color.plane(),
-            albedo: Some(albedo.plane()),
-            normal: Some(normal.plane()),
-            depth: Some(depth.plane()),
-            noise: None,
-            output: output.plane(),
-        };
+        let mut frame = ImageFrame::new(color.plane(), output.plane());
+        frame.albedo = Some(albedo.plane());
+        frame.normal = Some(normal.plane());
+        frame.depth = Some(depth.plane());
         // SAFETY: the images live to the end of the loop.
         let binding = unsafe { pass.bind_images(&frame) }.unwrap();
         for _ in 0..2 {
@@ -184,14 +176,7 @@ fn half_planes_in_buffers() {
         format: SampleFormat::F16,
         layout: rgba,
     };
-    let frame = BufferFrame {
-        color: plane(&input),
-        albedo: None,
-        normal: None,
-        depth: None,
-        noise: None,
-        output: plane(&output),
-    };
+    let frame = BufferFrame::new(plane(&input), plane(&output));
     // SAFETY: the buffers live to the end of the test.
     let binding = unsafe { pass.bind_buffers(&frame) };
     if !renderer.storage16 {
@@ -232,13 +217,15 @@ fn what_does_not_fit_is_refused_before_recording() {
     let pass = denoiser.pass(EXTENT).unwrap();
     let buffer = renderer.buffer(12 * EXTENT.pixels());
     let good = plane(&buffer, 0, 3);
-    let frame = BufferFrame { color: good, albedo: None, normal: None, depth: None, noise: None, output: good };
+    let frame = BufferFrame::new(good, good);
     // SAFETY: the buffer lives to the end of the test; the same below.
     let bind = |frame: &BufferFrame| unsafe { pass.bind_buffers(frame) };
     assert!(bind(&frame).is_ok());
-    let beyond = BufferFrame { color: plane(&buffer, 1, 3), ..frame };
+    let mut beyond = frame;
+    beyond.color = plane(&buffer, 1, 3);
     assert!(matches!(bind(&beyond), Err(Error::PlaneMismatch { plane: "colour", .. })));
-    let beyond = BufferFrame { depth: Some(plane(&buffer, 3 * EXTENT.pixels() as usize, 1)), ..frame };
+    let mut beyond = frame;
+    beyond.depth = Some(plane(&buffer, 3 * EXTENT.pixels() as usize, 1));
     assert!(matches!(bind(&beyond), Err(Error::PlaneMismatch { plane: "depth", .. })));
 
     let (other, twin) = (denoiser.pass(Extent::new(8, 8)).unwrap(), denoiser.pass(EXTENT).unwrap());
@@ -256,14 +243,7 @@ fn what_does_not_fit_is_refused_before_recording() {
     });
 
     let image = RendererImage::new(&renderer, EXTENT, ImageFormat::R32F, &vec![0.0; EXTENT.pixels() as usize], 1);
-    let images = ImageFrame {
-        color: image.plane(),
-        albedo: None,
-        normal: None,
-        depth: None,
-        noise: None,
-        output: image.plane(),
-    };
+    let images = ImageFrame::new(image.plane(), image.plane());
     // SAFETY: the image lives to the end of the test.
     let bound = unsafe { pass.bind_images(&images) };
     assert!(matches!(bound, Err(Error::Binding(message)) if message.contains("R32F")));
@@ -281,7 +261,8 @@ fn what_does_not_fit_is_refused_before_recording() {
     assert!(matches!(bound, Err(Error::Binding(message)) if message.contains("UNDEFINED")));
 
     // A family that is not there.
-    let handles = RendererDevice { queue_family: 99, ..renderer.handles() };
+    let mut handles = renderer.handles();
+    handles.queue_family = 99;
     // SAFETY: the other handles are the renderer's.
     let refused = unsafe { Device::from_renderer(handles) };
     assert!(matches!(refused, Err(Error::Unsupported { missing, .. }) if missing.contains("99")));

@@ -9,8 +9,8 @@ use common::planes::{TestFrame, TestPlane};
 use common::random::Random;
 use vkdenoise::net::{Arch, Graph, Head, Weights};
 use vkdenoise::plan::{Plan, plan};
-use vkdenoise::target::Target;
 use vkdenoise::reference::Reference;
+use vkdenoise::target::Target;
 use vkdenoise::testing::Bench;
 use vkdenoise::{
     Denoiser, Error, Extent, Fireflies, Frame, Layout, Options, Plane, PlaneMut, Precision, Quiet, QuietMode, Region,
@@ -99,8 +99,9 @@ fn difficult(extent: Extent, noise: f32, seed: u64) -> TestFrame {
     let mut frame = TestFrame::random(extent, seed);
     let width = extent.width as usize;
     let pixels = extent.pixels() as usize;
-    let mut color: Vec<f32> =
-        (0..3 * pixels).map(|i| 0.4 + 0.2 * ((i / 3 % width) as f32 * 0.1).sin() + noise * random.uniform(-0.3, 0.3)).collect();
+    let mut color: Vec<f32> = (0..3 * pixels)
+        .map(|i| 0.4 + 0.2 * ((i / 3 % width) as f32 * 0.1).sin() + noise * random.uniform(-0.3, 0.3))
+        .collect();
     let mut set = |x: usize, y: usize, rgb: [f32; 3]| {
         if x < width && y * width + x < pixels {
             color[3 * (y * width + x)..][..3].copy_from_slice(&rgb);
@@ -354,9 +355,14 @@ fn what_does_not_fit_is_refused() {
     let result = try_with(&mut denoiser, SignalKind::Light, 3, 3 * pixels);
     assert!(matches!(result, Err(Error::InvalidOption { option: "signals", .. })), "{result:?}");
     let mut denoiser = Denoiser::new(device(), &weights, &options()).unwrap();
-    for (kind, channels) in [(SignalKind::Light, 1), (SignalKind::Value, 2), (SignalKind::Value, 4), (SignalKind::Alpha, 3)] {
+    for (kind, channels) in
+        [(SignalKind::Light, 1), (SignalKind::Value, 2), (SignalKind::Value, 4), (SignalKind::Alpha, 3)]
+    {
         let result = try_with(&mut denoiser, kind, channels, channels * pixels);
-        assert!(matches!(result, Err(Error::InvalidOption { option: "signal", .. })), "{kind:?}, {channels}: {result:?}");
+        assert!(
+            matches!(result, Err(Error::InvalidOption { option: "signal", .. })),
+            "{kind:?}, {channels}: {result:?}"
+        );
     }
     let result = try_with(&mut denoiser, SignalKind::Light, 3, 3 * pixels - 1);
     assert!(matches!(result, Err(Error::PlaneMismatch { plane: "signal", .. })), "{result:?}");

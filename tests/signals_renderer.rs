@@ -8,8 +8,8 @@ use common::random::Random;
 use common::vulkan::{Renderer, RendererBuffer};
 use half::f16;
 use vkdenoise::{
-    BufferFrame, BufferPlane, BufferSignal, Denoiser, Device, Error, Extent, Features, Frame, FrameOptions, ImageFormat,
-    ImageFrame, Layout, Options, Plane, PlaneMut, SampleFormat, Signal, SignalKind, Weights,
+    BufferFrame, BufferPlane, BufferSignal, Denoiser, Device, Error, Extent, Features, Frame, FrameOptions,
+    ImageFormat, ImageFrame, Layout, Options, Plane, PlaneMut, SampleFormat, Signal, SignalKind, Weights,
 };
 
 const EXTENT: Extent = Extent::new(70, 45);
@@ -116,7 +116,7 @@ fn signals_in_buffers() {
         let color = filled(&renderer, format, &color);
         let buffers: Vec<_> = signals.iter().map(|(.., samples)| filled(&renderer, format, samples)).collect();
         let own = plane(&color, format, 3);
-        let frame = BufferFrame { color: own, albedo: None, normal: None, depth: None, noise: None, output: own };
+        let frame = BufferFrame::new(own, own);
         let given: Vec<BufferSignal> = signals
             .iter()
             .zip(&buffers)
@@ -153,7 +153,11 @@ fn signals_beside_images() {
     let color = RendererImage::new(&renderer, EXTENT, ImageFormat::Rgba32F, &color, 3);
     let output = RendererImage::new(&renderer, EXTENT, ImageFormat::Rgba32F, &[], 3);
     let (albedo, normal, depth, noise) = (None, None, None, None);
-    let frame = ImageFrame { color: color.plane(), albedo, normal, depth, noise, output: output.plane() };
+    let mut frame = ImageFrame::new(color.plane(), output.plane());
+    frame.albedo = albedo;
+    frame.normal = normal;
+    frame.depth = depth;
+    frame.noise = noise;
     let buffers: Vec<_> = signals.iter().map(|(.., samples)| filled(&renderer, SampleFormat::F32, samples)).collect();
     let results: Vec<_> = signals.iter().map(|(.., s)| renderer.buffer(4 * (s.len() as u64 + 1))).collect();
     let given: Vec<BufferSignal> = signals
@@ -188,7 +192,7 @@ fn signals_that_do_not_fit_are_refused() {
     let without = denoiser(&renderer, &Options::default());
     let buffer = renderer.buffer(12 * EXTENT.pixels() + 4);
     let color = plane(&buffer, SampleFormat::F32, 3);
-    let frame = BufferFrame { color, albedo: None, normal: None, depth: None, noise: None, output: color };
+    let frame = BufferFrame::new(color, color);
     let good = BufferSignal { kind: SignalKind::Light, channels: 3, plane: color, output: color };
     let bind = |denoiser: &Denoiser, signal: BufferSignal| {
         let pass = denoiser.pass(EXTENT).unwrap();

@@ -52,8 +52,8 @@ pub use codec::MAX_PIXELS;
 pub use error::ExrError;
 pub use read::ExrFrame;
 pub use replace::{WriteCheck, replace_file};
-pub use signals::{AovLayer, ExrSignal, SignalLayers};
 pub use selection::{FeatureSource, LayerOptions, Selection, UsedLayer};
+pub use signals::{AovLayer, ExrSignal, SignalLayers};
 pub use write::ExrOutput;
 
 use std::fmt;

@@ -60,7 +60,8 @@ impl ExrFrame {
         let picks = file.pictures(options)?;
         let frames = picks.into_iter().map(|pick| file.frame(pick, options));
         let mut frames: Vec<Self> = frames.collect::<Result<_, _>>()?;
-        let signals = |frame: &Self| frame.signals.iter().flat_map(|signal| signal.channels.clone()).collect::<Vec<_>>();
+        let signals =
+            |frame: &Self| frame.signals.iter().flat_map(|signal| signal.channels.clone()).collect::<Vec<_>>();
         let written: Vec<Place> =
             frames.iter().flat_map(|frame| [frame.target.channels.clone(), signals(frame)].concat()).collect();
         if let Some(first) = frames.first_mut() {
@@ -210,7 +211,8 @@ impl Opened {
             }
             features.push((role, feature, used));
         }
-        let signals = Signals { container, layers: &self.layers, picture: &pick, target: &target }.pick(&options.signals)?;
+        let signals =
+            Signals { container, layers: &self.layers, picture: &pick, target: &target }.pick(&options.signals)?;
         for signal in &signals {
             check_parts(container, &signal.channels)?;
         }
@@ -254,7 +256,10 @@ impl Opened {
         frame.selection.signals = frame.signals.iter().map(|signal| signal.layer().clone()).collect();
         let off = frame.off_color(&groups).filter(|off| !groups.is_empty() && *off > GROUPS_OFF);
         frame.selection.notes.extend(off.map(|off| {
-            format!("the light groups are {:.1} % off the colour: what is not in the groups is not in their sum either", 100.0 * off)
+            format!(
+                "the light groups are {:.1} % off the colour: what is not in the groups is not in their sum either",
+                100.0 * off
+            )
         }));
         for (role, source) in options.features() {
             if let FeatureSource::File(path) = source {

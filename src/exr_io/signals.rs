@@ -20,8 +20,26 @@ const GROUP_PREFIXES: [&str; 8] =
 /// Layers of three colours that are no light, or light over the surface's colour, by their simplified names: positions, vectors, Cycles'
 /// passes. Features' names count too.
 const NO_LIGHT: [&str; 20] = [
-    "position", "p", "pworld", "worldposition", "pointposition", "uv", "st", "vector", "motion", "motionvector", "velocity",
-    "diffdir", "diffind", "glossdir", "glossind", "glosscol", "transdir", "transind", "transcol", "ao",
+    "position",
+    "p",
+    "pworld",
+    "worldposition",
+    "pointposition",
+    "uv",
+    "st",
+    "vector",
+    "motion",
+    "motionvector",
+    "velocity",
+    "diffdir",
+    "diffind",
+    "glossdir",
+    "glossind",
+    "glosscol",
+    "transdir",
+    "transind",
+    "transcol",
+    "ao",
 ];
 
 /// Which layers beside the colour are denoised with it.
@@ -200,7 +218,8 @@ impl Signals<'_> {
         let mut written: Vec<Place> = self.target.channels.clone();
         for signal in signals {
             let name = || used_layer(self.container, &signal.channels, None).to_string();
-            let refuse = |what: &str| Err(ExrError::unsupported(&self.container.path, format!("layer {} {what}", name())));
+            let refuse =
+                |what: &str| Err(ExrError::unsupported(&self.container.path, format!("layer {} {what}", name())));
             if signal.channels.iter().any(|place| window(place) != of_color) {
                 return refuse("covers other pixels than the colour and cannot be denoised with it");
             }
@@ -256,9 +275,8 @@ impl Signals<'_> {
             let reason = format!("layer '{name}' has no red, green and blue, and so is no part of the light");
             return Err(ExrError::unsupported(&self.container.path, reason));
         }
-        let single = |(_, place): &(String, Place)| {
-            Picked { kind: SignalKind::Value, channels: vec![*place], group: false }
-        };
+        let single =
+            |(_, place): &(String, Place)| Picked { kind: SignalKind::Value, channels: vec![*place], group: false };
         Ok(layer.channels.iter().map(single).collect())
     }
 

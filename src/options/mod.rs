@@ -109,6 +109,7 @@ pub struct Options {
 
 /// What one call of the host path did.
 #[derive(Clone, Copy, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct Report {
     /// The factor on the colour that was used.
     pub exposure: f32,

@@ -8,6 +8,7 @@ use crate::plan::active::ActiveTiles;
 
 /// One dispatch: what it was, what it had to do, how long it took.
 #[derive(Clone, Debug, PartialEq)]
+#[non_exhaustive]
 pub struct KernelRecord {
     /// The op that it comes from, e.g. `enc.1.0.qkv`.
     pub name: String,

@@ -35,6 +35,7 @@ impl fmt::Display for DeviceKind {
 
 /// A Vulkan device as the denoiser sees it.
 #[derive(Clone, Debug)]
+#[non_exhaustive]
 pub struct DeviceInfo {
     /// Position in [`crate::Device::list`].
     pub index: usize,
@@ -185,6 +186,7 @@ impl Caps {
 
 /// What a renderer must enable on its device before it hands it over with [`crate::Device::from_renderer`].
 #[derive(Clone, Debug, PartialEq, Eq)]
+#[non_exhaustive]
 pub struct Requirements {
     /// Lowest Vulkan version of instance and device: (major, minor).
     pub api_version: (u32, u32),

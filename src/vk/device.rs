@@ -37,8 +37,9 @@ pub struct DeviceOptions {
     pub cache: Cache,
 }
 
-/// A renderer's device, as it hands it over.
+/// A renderer's device, as it hands it over: [`RendererDevice::new`], or of numbers [`RendererDevice::from_raw`].
 #[derive(Clone)]
+#[non_exhaustive]
 pub struct RendererDevice {
     /// The instance, made for Vulkan 1.2 or later.
     pub instance: ash::Instance,
@@ -61,6 +62,29 @@ pub struct RendererDevice {
     pub cooperative_matrix: Option<khr::cooperative_matrix::Instance>,
     /// Where compiled kernels and measured choices are kept for the next process.
     pub cache: Cache,
+}
+
+impl RendererDevice {
+    /// A device without optional features, whose kernels are kept in [`Cache::User`]; the fields say what else was enabled.
+    pub fn new(
+        instance: ash::Instance,
+        physical_device: vk::PhysicalDevice,
+        device: ash::Device,
+        queue_family: u32,
+    ) -> Self {
+        Self {
+            instance,
+            physical_device,
+            device,
+            queue_family,
+            storage_buffer_16bit: false,
+            shader_int64: false,
+            subgroup_broadcast_dynamic_id: false,
+            host_query_reset: false,
+            cooperative_matrix: None,
+            cache: Cache::User,
+        }
+    }
 }
 
 /// A Vulkan device that denoisers run on. Cheap to clone; `Send` and `Sync`.

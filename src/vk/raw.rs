@@ -1,7 +1,6 @@
 //! A renderer's device from raw Vulkan handles, for callers that do not use `ash`.
 
 use super::device::RendererDevice;
-use crate::cache::Cache;
 use crate::error::{Error, Result};
 use ash::vk::Handle;
 use ash::{khr, vk};
@@ -95,18 +94,17 @@ impl RendererDevice {
             host_query_reset,
             cooperative_matrix,
         } = raw.enabled;
+        let matrices = cooperative_matrix.then(|| khr::cooperative_matrix::Instance::new(&entry, &instance));
+        // SAFETY: as above.
+        let device = unsafe { ash::Device::load(instance.fp_v1_0(), device) };
+        let physical_device = vk::PhysicalDevice::from_raw(raw.physical_device);
         Ok(Self {
-            physical_device: vk::PhysicalDevice::from_raw(raw.physical_device),
-            // SAFETY: as above.
-            device: unsafe { ash::Device::load(instance.fp_v1_0(), device) },
-            queue_family: raw.queue_family,
             storage_buffer_16bit,
             shader_int64,
             subgroup_broadcast_dynamic_id,
             host_query_reset,
-            cooperative_matrix: cooperative_matrix.then(|| khr::cooperative_matrix::Instance::new(&entry, &instance)),
-            instance,
-            cache: Cache::User,
+            cooperative_matrix: matrices,
+            ..Self::new(instance, physical_device, device, raw.queue_family)
         })
     }
 }

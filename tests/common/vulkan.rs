@@ -142,20 +142,16 @@ impl Renderer {
 
     /// What the denoiser is handed.
     pub fn handles(&self) -> RendererDevice {
-        RendererDevice {
-            instance: self.instance.clone(),
-            physical_device: self.physical_device,
-            device: self.device.clone(),
-            queue_family: self.queue_family,
-            storage_buffer_16bit: self.storage16,
-            shader_int64: self.int64,
-            subgroup_broadcast_dynamic_id: self.broadcast_dynamic_id,
-            host_query_reset: self.host_query_reset,
-            cooperative_matrix: self
-                .matrices
-                .then(|| khr::cooperative_matrix::Instance::new(&self.entry, &self.instance)),
-            cache: Cache::Off,
-        }
+        let (instance, device) = (self.instance.clone(), self.device.clone());
+        let mut handles = RendererDevice::new(instance, self.physical_device, device, self.queue_family);
+        handles.storage_buffer_16bit = self.storage16;
+        handles.shader_int64 = self.int64;
+        handles.subgroup_broadcast_dynamic_id = self.broadcast_dynamic_id;
+        handles.host_query_reset = self.host_query_reset;
+        handles.cooperative_matrix =
+            self.matrices.then(|| khr::cooperative_matrix::Instance::new(&self.entry, &self.instance));
+        handles.cache = Cache::Off;
+        handles
     }
 
     /// The same as numbers.

@@ -284,7 +284,9 @@ pub unsafe extern "C" fn vkdenoise_device_from_renderer(renderer: *const Rendere
             },
         };
         // SAFETY: the caller vouches for its handles.
-        let handles = unsafe { RendererDevice { cache: cache(renderer.cache)?, ..RendererDevice::from_raw(&raw)? } };
+        let mut handles = unsafe { RendererDevice::from_raw(&raw)? };
+        // SAFETY: as above.
+        handles.cache = unsafe { cache(renderer.cache)? };
         // SAFETY: as above.
         Ok(Device(unsafe { vkdenoise::Device::from_renderer(handles)? }))
     };

@@ -191,14 +191,15 @@ pub unsafe fn buffer_frame(frame: *const BufferFrame, extent: Extent) -> Result<
     reserved::<BufferFrame>(frame.reserved)?;
     // SAFETY: as above.
     unsafe {
-        Ok(vkdenoise::BufferFrame {
-            color: needed(buffer(frame.color, "colour", extent, 3)?, "colour")?,
-            albedo: buffer(frame.albedo, "albedo", extent, 3)?,
-            normal: buffer(frame.normal, "normal", extent, 3)?,
-            depth: buffer(frame.depth, "depth", extent, 1)?,
-            noise: noise(buffer(frame.noise, "noise", extent, 1)?, frame.noise_kind)?,
-            output: needed(buffer(frame.output, "output", extent, 3)?, "output")?,
-        })
+        let mut planes = vkdenoise::BufferFrame::new(
+            needed(buffer(frame.color, "colour", extent, 3)?, "colour")?,
+            needed(buffer(frame.output, "output", extent, 3)?, "output")?,
+        );
+        planes.albedo = buffer(frame.albedo, "albedo", extent, 3)?;
+        planes.normal = buffer(frame.normal, "normal", extent, 3)?;
+        planes.depth = buffer(frame.depth, "depth", extent, 1)?;
+        planes.noise = noise(buffer(frame.noise, "noise", extent, 1)?, frame.noise_kind)?;
+        Ok(planes)
     }
 }
 
@@ -210,13 +211,14 @@ pub unsafe fn image_frame(frame: *const ImageFrame) -> Result<vkdenoise::ImageFr
     reserved::<ImageFrame>(frame.reserved)?;
     // SAFETY: as above.
     unsafe {
-        Ok(vkdenoise::ImageFrame {
-            color: needed(image(frame.color, "colour")?, "colour")?,
-            albedo: image(frame.albedo, "albedo")?,
-            normal: image(frame.normal, "normal")?,
-            depth: image(frame.depth, "depth")?,
-            noise: noise(image(frame.noise, "noise")?, frame.noise_kind)?,
-            output: needed(image(frame.output, "output")?, "output")?,
-        })
+        let mut planes = vkdenoise::ImageFrame::new(
+            needed(image(frame.color, "colour")?, "colour")?,
+            needed(image(frame.output, "output")?, "output")?,
+        );
+        planes.albedo = image(frame.albedo, "albedo")?;
+        planes.normal = image(frame.normal, "normal")?;
+        planes.depth = image(frame.depth, "depth")?;
+        planes.noise = noise(image(frame.noise, "noise")?, frame.noise_kind)?;
+        Ok(planes)
     }
 }

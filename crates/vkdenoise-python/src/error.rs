@@ -3,7 +3,7 @@
 use pyo3::exceptions::{PyMemoryError, PyOSError, PyRuntimeError, PyValueError};
 use pyo3::{PyErr, create_exception};
 use vkdenoise::Error;
-use vkdenoise::net::weights::WeightsError;
+use vkdenoise::WeightsError;
 
 create_exception!(
     vkdenoise,
