@@ -49,6 +49,7 @@
 //! ([`Fireflies`]). All types are `Send` and `Sync`; what records or runs takes `&self` or `&mut self` as its doc says.
 
 mod cache;
+mod denoise;
 pub mod denoiser;
 mod descriptors;
 mod engine;
@@ -56,6 +57,7 @@ pub mod error;
 #[cfg(feature = "exr")]
 pub mod exr_io;
 pub mod frame;
+mod frame_statistics;
 mod host;
 pub mod kernels;
 mod memory;
@@ -68,6 +70,7 @@ pub mod pass;
 mod pipelines;
 pub mod plan;
 pub mod profile;
+mod progress;
 mod quality;
 mod record;
 pub mod reference;
@@ -75,6 +78,8 @@ pub mod renderer;
 pub mod target;
 #[doc(hidden)]
 pub mod testing;
+mod tiled;
+mod tiling;
 pub mod vk;
 
 /// Vulkan's types and functions, in the version that the library's signatures name.
@@ -89,10 +94,11 @@ pub use kernels::frame_io::Fireflies;
 pub use kernels::quiet::NoiseKind;
 pub use memory::MemoryRequired;
 pub use net::weights::{Weights, WeightsError};
-pub use options::{Exposure, FrameOptions, Options, Precision, Quiet, QuietMargins, QuietMode, Report};
+pub use options::{Exposure, FrameOptions, Options, Precision, Quiet, QuietMargins, QuietMode, Report, TileReport};
 pub use pass::{Binding, Pass};
 pub use plan::active::{ActiveTiles, Part};
 pub use profile::{KernelRecord, Profiler};
+pub use progress::Progress;
 pub use quality::Quality;
 pub use renderer::{
     BufferAddress, BufferFrame, BufferPlane, FrameStatistics, ImageFormat, ImageFrame, ImagePlane, SampleFormat,

@@ -15,6 +15,8 @@ mod farm;
 mod files;
 #[path = "cli/images.rs"]
 mod images;
+#[path = "cli/light.rs"]
+mod light;
 
 use exr::prelude::{AnyChannel, AnyChannels, Encoding, FlatSamples, Image, LayerAttributes, WritableImage};
 use serde_json::Value;

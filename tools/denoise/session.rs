@@ -3,14 +3,15 @@
 use crate::args::Args;
 use crate::jobs::{Job, Output};
 use crate::report::{Figures, Outcome};
-use crate::reporter::Reporter;
+use crate::reporter::{Reporter, Share};
 use crate::{Failure, interrupt, preview};
 use std::borrow::Cow;
 use std::io::{Cursor, Write};
+use std::ops::ControlFlow;
 use vkdenoise::exr_io::{ExrError, ExrFrame, ExrOutput, LayerOptions};
 use vkdenoise::{
     ActiveTiles, Denoiser, Device, DeviceOptions, DeviceSelector, Error, Extent, Layout, Options, PlaneMut, Precision,
-    Report, Weights,
+    Progress, Report, Weights,
 };
 
 /// Why an image is not done.
@@ -21,6 +22,8 @@ pub enum Trouble {
     Usage(String),
     /// No image can be done.
     Everything(Failure),
+    /// It was told to stop.
+    Interrupted,
 }
 
 impl From<ExrError> for Trouble {
@@ -83,7 +86,7 @@ impl<'a> Session<'a> {
     }
 
     /// Denoises all views of an image, writes them, and says so.
-    pub fn denoise(&mut self, job: &Job) -> Result<(), Trouble> {
+    pub fn denoise(&mut self, job: &Job, share: &mut Share) -> Result<(), Trouble> {
         let views = ExrFrame::read_views(&job.input, &job.layers)?;
         let region = self.args.region;
         let mut references = Vec::new();
@@ -97,8 +100,12 @@ impl<'a> Session<'a> {
             return Err(Trouble::Usage(format!("--png: the views of {input} differ in size; choose one with --view")));
         }
         let mut done = Vec::with_capacity(views.len());
-        for (frame, reference) in views.iter().zip(references) {
-            done.push(self.denoise_view(job, frame, reference)?);
+        for (at, (frame, reference)) in views.iter().zip(references).enumerate() {
+            let mut progress = |done: f32| {
+                share.tell((at as f64 + f64::from(done)) / views.len() as f64);
+                if interrupt::stopped() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+            };
+            done.push(self.denoise_view(job, frame, reference, &mut progress)?);
         }
         self.write(job, &done)?;
         for view in &done {
@@ -112,6 +119,7 @@ impl<'a> Session<'a> {
         job: &Job,
         frame: &'v ExrFrame,
         reference: Option<ExrFrame>,
+        progress: &mut Progress,
     ) -> Result<Done<'v>, Trouble> {
         let extent = frame.extent();
         // Opened for the first image: by now the arguments and that image have proved good.
@@ -124,9 +132,10 @@ impl<'a> Session<'a> {
         };
         let mut color = vec![0.0; frame.color().len()];
         let target = PlaneMut::f32(&mut color, Layout::interleaved(extent, 3));
-        let report = engine.denoiser.denoise(&frame.frame(), target).map_err(|error| {
+        let report = engine.denoiser.denoise_with(&frame.frame(), target, progress).map_err(|error| {
             let message = format!("{}: {error}", job.input.display());
             match error {
+                Error::Cancelled => Trouble::Interrupted,
                 Error::DeviceLost => Trouble::Everything(Failure::Failed(message)),
                 _ => Trouble::Image(message),
             }

@@ -165,7 +165,7 @@ impl Denoiser {
             }
             Ok(report)
         });
-        let vkdenoise::Report { exposure, gpu_ms, total_ms, work, device_bytes } = report.map_err(raised)?;
+        let vkdenoise::Report { exposure, gpu_ms, total_ms, work, device_bytes, .. } = report.map_err(raised)?;
         let report = Report { exposure, gpu_ms, total_ms, work, device_bytes };
         *self.report.lock().unwrap_or_else(PoisonError::into_inner) = Some(report);
         output.finish(part)
