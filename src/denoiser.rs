@@ -2,31 +2,33 @@
 
 use crate::engine::Engine;
 use crate::error::{Error, Result};
-use crate::frame::{Extent, Features, Frame, PlaneMut, Region, check_in_place};
+use crate::frame::{Extent, Region};
 use crate::host::HostPass;
 use crate::kernels::frame_io::Fireflies;
 use crate::memory::MemoryRequired;
 use crate::net::weights::Weights;
-use crate::options::{Exposure, FrameOptions, Options, Precision, Report};
+use crate::options::{Exposure, FrameOptions, Options, Precision};
 use crate::pass::Pass;
 use crate::plan::active::ActiveTiles;
 use crate::profile::KernelRecord;
-use crate::signals::{self, Signal};
 use crate::target::Target;
+use crate::tiling::Tiling;
 use crate::vk::device::Device;
 use crate::vk::statistics::PipelineStatistic;
 use crate::vk::timestamps::Timestamps;
 use std::fmt;
 use std::sync::Arc;
-use std::time::Instant;
 
 /// A network on a device. `Send` and `Sync`; its host path takes `&mut self`.
 pub struct Denoiser {
-    engine: Arc<Engine>,
-    options: FrameOptions,
+    pub(crate) engine: Arc<Engine>,
+    pub(crate) options: FrameOptions,
     /// Whether the host path times its kernels.
-    profiling: bool,
-    host: Option<HostPass>,
+    pub(crate) profiling: bool,
+    /// The pass of the last size.
+    pub(crate) host: Option<HostPass>,
+    /// The tiles of the last size that was cut into such.
+    pub(crate) tiling: Option<(Extent, Tiling)>,
 }
 
 impl fmt::Debug for Denoiser {
@@ -54,7 +56,7 @@ impl Denoiser {
     }
 
     fn of(engine: Engine, options: FrameOptions) -> Self {
-        Self { engine: Arc::new(engine), options, profiling: false, host: None }
+        Self { engine: Arc::new(engine), options, profiling: false, host: None, tiling: None }
     }
 
     /// Sets the host path's exposure.
@@ -112,12 +114,12 @@ impl Denoiser {
     }
 
     /// What every kernel of the last call took, in the order in which they ran; empty without
-    /// [`Denoiser::set_profiling`].
+    /// [`Denoiser::set_profiling`], and for a frame that was cut into tiles.
     pub fn records(&self) -> &[KernelRecord] {
         self.host.as_ref().map_or(&[], HostPass::records)
     }
 
-    /// Which tiles the last call worked on; `None` without [`Options::quiet`].
+    /// Which tiles the last call worked on; `None` without [`Options::quiet`], and for a frame that was cut into tiles.
     pub fn active_tiles(&self) -> Option<&ActiveTiles> {
         self.host.as_ref().and_then(HostPass::active)
     }
@@ -141,7 +143,8 @@ impl Denoiser {
         &self.engine.device
     }
 
-    /// The device memory that a frame size takes, from its plan: nothing is allocated.
+    /// The device memory that a frame size takes, from its plan: nothing is allocated. Where there is less, the host path takes
+    /// less (`docs/tiles.md`).
     ///
     /// # Errors
     /// [`Error::EmptyFrame`], [`Error::FrameTooLarge`].
@@ -157,74 +160,9 @@ impl Denoiser {
         Pass::new(&self.engine, extent)
     }
 
-    /// Denoises a frame in host memory and waits for the result. What a size needs is kept for the next call.
-    ///
-    /// # Errors
-    /// [`Error::EmptyFrame`], [`Error::PlaneMismatch`], [`Error::InvalidOption`] for a region that leaves the frame and for
-    /// unchanged features of which nothing is kept, [`Error::FrameTooLarge`], [`Error::OutOfMemory`], [`Error::DeviceLost`], [`Error::Vulkan`]; [`Error::Binding`] on a
-    /// renderer's device, which has no queue of ours. The output is untouched then.
-    pub fn denoise(&mut self, frame: &Frame, output: PlaneMut) -> Result<Report> {
-        self.denoise_with(frame, output, &mut [])
-    }
-
-    /// The same, with signals that go through the kernels of the frame's colour, any number of them: parts of its light whose sums then
-    /// hold, other layers, alpha ([`crate::signals`]).
-    ///
-    /// # Errors
-    /// As [`Denoiser::denoise`]; [`Error::InvalidOption`] where the denoiser was made without [`Options::signals`], and for a signal
-    /// of a number of channels that its kind does not have. All outputs are untouched then.
-    pub fn denoise_with(&mut self, frame: &Frame, mut output: PlaneMut, signals: &mut [Signal]) -> Result<Report> {
-        frame.check()?;
-        output.check("output", frame.extent, 3)?;
-        self.check_region(frame.extent)?;
-        if !signals.is_empty() && !self.engine.target.signals {
-            return Err(signals::not_asked_for());
-        }
-        signals.iter().try_for_each(|signal| signal.check(frame.extent))?;
-        let started = Instant::now();
-        let (profiling, (pass, options)) = (self.profiling, self.host_pass(frame.extent)?);
-        pass.write_color(|extent, packed| frame.color.pack(extent, 3, packed));
-        pass.write_signals(signals)?;
-        let report = pass.run(&frame.features, &options, profiling, started)?;
-        pass.read(&mut output, options.region);
-        pass.read_signals(signals, options.region);
-        Ok(report)
-    }
-
-    /// The same, with the result in the place of the colour.
-    ///
-    /// # Errors
-    /// As [`Denoiser::denoise`].
-    pub fn denoise_in_place(&mut self, extent: Extent, mut color: PlaneMut, features: &Features) -> Result<Report> {
-        check_in_place(extent, &color, features)?;
-        self.check_region(extent)?;
-        let started = Instant::now();
-        let (profiling, (pass, options)) = (self.profiling, self.host_pass(extent)?);
-        pass.write_color(|extent, packed| color.pack(extent, 3, packed));
-        pass.write_signals(&[])?;
-        let report = pass.run(features, &options, profiling, started)?;
-        pass.read(&mut color, options.region);
-        Ok(report)
-    }
-
-    fn check_region(&self, extent: Extent) -> Result<()> {
-        self.options.region.map_or(Ok(()), |region| region.check(extent))
-    }
-
     /// The pass that the host path ran last.
     pub(crate) fn last_pass(&self) -> Option<&Pass> {
         self.host.as_ref().map(HostPass::pass)
-    }
-
-    /// The host path of a size: the last one if it fits.
-    fn host_pass(&mut self, extent: Extent) -> Result<(&mut HostPass, FrameOptions)> {
-        let fits = self.host.take().filter(|pass| pass.extent() == extent);
-        // The old one is gone before the new one is allocated: both may not fit.
-        let pass = match fits {
-            Some(pass) => pass,
-            None => HostPass::new(&self.engine, extent)?,
-        };
-        Ok((self.host.insert(pass), self.options))
     }
 }
 

@@ -2,10 +2,10 @@
 
 use crate::error::{Error, Result};
 use crate::frame::Extent;
-use crate::memory;
+use crate::memory::{self, MemoryRequired};
 use crate::net::graph::Graph;
 use crate::net::weights::{ExposureRule, Weights, WeightsError};
-use crate::options::Options;
+use crate::options::{Exposure, Options};
 use crate::pipelines::Pipelines;
 use crate::plan::{Place, Plan, plan};
 use crate::signals;
@@ -13,6 +13,11 @@ use crate::target::Target;
 use crate::vk::device::Device;
 use crate::vk::memory::Buffer;
 use gpu_allocator::MemoryLocation;
+
+/// Where memory is short, a map between consecutive kernels may take such a part of it, and no less than that: bands beyond it
+/// compute more twice than they save.
+const BANDS_A_BUDGET: u64 = 64;
+const LEAST_CHAIN_BYTES: u64 = 4 << 20;
 
 pub(crate) struct Engine {
     pub device: Device,
@@ -64,6 +69,68 @@ impl Engine {
     /// The plan of a frame size on this device.
     pub fn plan(&self, extent: Extent) -> Result<Plan> {
         plan(&self.graph, extent, &self.target)
+    }
+
+    /// The plan of a tile of a larger frame ([`crate::plan::tile`]).
+    pub fn tile_plan(&self, extent: Extent) -> Result<Plan> {
+        plan(&self.graph, extent, &self.tile_target())
+    }
+
+    /// The plan of a frame size in less memory, for a little more work: the bits are the same.
+    pub fn narrow_plan(&self, extent: Extent) -> Result<Plan> {
+        plan(&self.graph, extent, &self.narrow_target())
+    }
+
+    fn narrow_target(&self) -> Target {
+        let most = (self.most_bytes() / BANDS_A_BUDGET).max(LEAST_CHAIN_BYTES);
+        Target { max_chain_bytes: self.target.max_chain_bytes.min(most), ..self.target }
+    }
+
+    /// What the plans of tiles are made for: the larger they are, the less of them overlaps.
+    pub fn tile_target(&self) -> Target {
+        Target { of_tile: true, quiet: None, keep_features: false, ..self.narrow_target() }
+    }
+
+    /// Bytes of the budget, or of the device.
+    pub fn most_bytes(&self) -> u64 {
+        let heap = self.device.caps().memory_bytes;
+        self.memory_budget.map_or(heap, |budget| budget.min(heap))
+    }
+
+    /// The plan of a frame, whether its maps fit the device or not.
+    pub fn plan_anywhere(&self, extent: Extent) -> Result<Plan> {
+        plan(
+            &self.graph,
+            extent,
+            &Target { max_block_bytes: u64::MAX, max_chain_bytes: u64::MAX, ..self.tile_target() },
+        )
+    }
+
+    /// The factor on the colour where it is not the frame's own.
+    pub fn fixed_exposure(&self, exposure: Exposure) -> Option<f32> {
+        match (exposure, self.exposure_rule) {
+            (Exposure::Fixed(factor), _) => Some(factor),
+            (_, ExposureRule::Auto) => None,
+            (_, ExposureRule::None) => Some(1.0),
+        }
+    }
+
+    /// Refuses a plan whose host path takes too much memory, in all or at once.
+    pub fn check_host(&self, plan: &Plan) -> Result<()> {
+        let required = MemoryRequired::of_plan(plan);
+        self.check_memory(plan.extent, required.host())?;
+        let (most, limit) = (memory::input_bytes(plan), self.device.caps().max_buffer_bytes);
+        if most <= limit {
+            return Ok(());
+        }
+        let Extent { width, height } = plan.extent;
+        let reason = format!("its planes take {most} bytes, and the device allocates at most {limit} at once");
+        Err(Error::FrameTooLarge { width, height, reason })
+    }
+
+    /// Whether the budget and the device have so many bytes.
+    pub fn fits(&self, bytes: u64) -> bool {
+        bytes <= self.most_bytes()
     }
 
     /// Refuses a frame that takes so many bytes of device memory, where that is too much.

@@ -90,6 +90,9 @@ pub enum Error {
         /// The value found and the range allowed.
         reason: String,
     },
+    /// The caller's progress callback answered that the call is to end ([`crate::Denoiser::denoise_with`]).
+    #[error("cancelled")]
+    Cancelled,
     /// A weights file could not be used.
     #[error("weights: {0}")]
     Weights(#[from] WeightsError),

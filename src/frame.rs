@@ -67,6 +67,11 @@ impl Layout {
         self.offset + y * self.row_stride + x * self.pixel_stride + channel * self.channel_stride
     }
 
+    /// The layout of what begins at a pixel.
+    pub(crate) const fn from(&self, x: u32, y: u32) -> Self {
+        Self { offset: self.index(x as usize, y as usize, 0), ..*self }
+    }
+
     /// Checks that the last sample of a frame lies within `len` samples.
     pub(crate) fn check(&self, plane: &'static str, extent: Extent, channels: usize, len: u64) -> Result<()> {
         let last = (|| {
@@ -117,6 +122,13 @@ impl Region {
     /// Row after the last.
     pub const fn bottom(&self) -> u32 {
         self.y.saturating_add(self.height)
+    }
+
+    /// What lies in both; `None` where that is nothing.
+    pub(crate) fn common(&self, other: &Self) -> Option<Self> {
+        let (x, y) = (self.x.max(other.x), self.y.max(other.y));
+        let (right, bottom) = (self.right().min(other.right()), self.bottom().min(other.bottom()));
+        (x < right && y < bottom).then(|| Self { x, y, width: right - x, height: bottom - y })
     }
 
     /// Whether a pixel lies in it.
@@ -215,9 +227,21 @@ impl<'a> Plane<'a> {
         self.layout.check(plane, extent, channels, self.samples.len())
     }
 
+    /// The plane from a pixel on.
+    pub(crate) fn part(&self, x: u32, y: u32) -> Self {
+        Self { layout: self.layout.from(x, y), ..*self }
+    }
+
     /// Copies the plane into interleaved 32-bit floats.
     pub(crate) fn pack(&self, extent: Extent, channels: usize, out: &mut [f32]) {
-        pack(&self.samples, &self.layout, extent, channels, out);
+        let mut out = out.iter_mut();
+        for y in 0..extent.height as usize {
+            for x in 0..extent.width as usize {
+                for (c, value) in out.by_ref().take(channels).enumerate() {
+                    *value = self.samples.get(self.layout.index(x, y, c));
+                }
+            }
+        }
     }
 
     /// Copies a depth plane into 32-bit floats, its background kept.
@@ -266,9 +290,18 @@ impl<'a> PlaneMut<'a> {
         self.layout.check(plane, extent, channels, self.as_samples().len())
     }
 
-    /// Copies the plane, read as an input, into interleaved 32-bit floats.
-    pub(crate) fn pack(&self, extent: Extent, channels: usize, out: &mut [f32]) {
-        pack(&self.as_samples(), &self.layout, extent, channels, out);
+    /// The plane from a pixel on.
+    pub(crate) fn part(&mut self, x: u32, y: u32) -> PlaneMut<'_> {
+        let layout = self.layout.from(x, y);
+        match &mut self.samples {
+            SamplesMut::F32(samples) => PlaneMut::f32(samples, layout),
+            SamplesMut::F16(samples) => PlaneMut::f16(samples, layout),
+        }
+    }
+
+    /// The plane, read as an input.
+    pub(crate) fn as_plane(&self) -> Plane<'_> {
+        Plane { samples: self.as_samples(), layout: self.layout }
     }
 
     /// Writes a region of interleaved 32-bit floats into the plane. All other samples stay as they are.
@@ -284,17 +317,6 @@ impl<'a> PlaneMut<'a> {
                         SamplesMut::F16(s) => s[index] = f16::from_f32(value.min(f16::MAX.to_f32())),
                     }
                 }
-            }
-        }
-    }
-}
-
-fn pack(samples: &Samples, layout: &Layout, extent: Extent, channels: usize, out: &mut [f32]) {
-    let mut out = out.iter_mut();
-    for y in 0..extent.height as usize {
-        for x in 0..extent.width as usize {
-            for (c, value) in out.by_ref().take(channels).enumerate() {
-                *value = samples.get(layout.index(x, y, c));
             }
         }
     }
@@ -323,7 +345,13 @@ pub struct Features<'a> {
     pub noise: Option<Noise<Plane<'a>>>,
 }
 
-impl Features<'_> {
+impl<'a> Features<'a> {
+    /// Those of what begins at a pixel, but for what is known of noise.
+    pub(crate) fn part(&self, x: u32, y: u32) -> Self {
+        let part = |plane: Option<Plane<'a>>| plane.map(|plane| plane.part(x, y));
+        Self { albedo: part(self.albedo), normal: part(self.normal), depth: part(self.depth), noise: None }
+    }
+
     fn check(&self, extent: Extent) -> Result<()> {
         self.albedo.as_ref().map_or(Ok(()), |p| p.check("albedo", extent, 3))?;
         self.normal.as_ref().map_or(Ok(()), |p| p.check("normal", extent, 3))?;

@@ -2,7 +2,7 @@
 
 use crate::engine::Engine;
 use crate::error::{Error, Result};
-use crate::frame::{Extent, Features, Layout, Noise, PlaneMut, Region};
+use crate::frame::{Extent, Features, Frame, Layout, Noise, Plane, PlaneMut, Region};
 use crate::host_signals::SignalPlanes;
 use crate::kernels::quiet::NoiseKind;
 use crate::kernels::stats::{EXPOSURE, STATS_FLOATS};
@@ -10,7 +10,9 @@ use crate::memory::{MemoryRequired, input_bytes, output_bytes, plane_bytes};
 use crate::options::{FrameOptions, Report};
 use crate::pass::{Binding, Pass};
 use crate::plan::active::{ActiveTiles, Work};
+use crate::plan::{Dispatch, Plan};
 use crate::profile::{KernelRecord, Profiler};
+use crate::progress::{self, Pieces, Progress};
 use crate::renderer::{BufferFrame, BufferPlane, SampleFormat};
 use crate::signals::{Signal, SignalKind};
 use crate::vk::caps::DeviceKind;
@@ -18,6 +20,7 @@ use crate::vk::memory::Buffer;
 use crate::vk::submit::{Submission, barrier};
 use ash::vk;
 use gpu_allocator::MemoryLocation;
+use std::ops::Range;
 use std::sync::Arc;
 use std::time::Instant;
 
@@ -33,8 +36,10 @@ pub(crate) struct HostPass {
     binding: Option<(Planes, Binding)>,
     /// What the command buffer holds now; it is recorded again only when this changes.
     recorded: Option<(Planes, FrameOptions, bool)>,
-    /// The work of that.
+    /// The work of the last recording.
     work: Option<Work>,
+    /// How the pass is cut where the caller watches.
+    pieces: Pieces,
     /// Where the last run was active, if that differs.
     active: Option<ActiveTiles>,
     /// The features that the arena holds what depends on.
@@ -53,16 +58,23 @@ pub(crate) struct HostPass {
     engine: Arc<Engine>,
 }
 
+/// What runs.
+pub(crate) struct Commands {
+    /// Of the pass's plan, one for each of its dispatches.
+    pub dispatches: Vec<Dispatch>,
+    /// What is copied before that: from where, to where.
+    pub uploads: Vec<(vk::Buffer, vk::Buffer, vk::BufferCopy)>,
+}
+
 impl HostPass {
-    pub fn new(engine: &Arc<Engine>, extent: Extent) -> Result<Self> {
-        let device = &engine.device;
+    pub fn new(engine: &Arc<Engine>, plan: Plan) -> Result<Self> {
+        let (device, extent) = (&engine.device, plan.extent);
         if device.queue().is_none() {
             return Err(Error::Binding(
                 "the device is a renderer's, without a queue of ours: use Denoiser::pass and record".into(),
             ));
         }
-        let plan = engine.plan(extent)?;
-        engine.check_memory(extent, MemoryRequired::of_plan(&plan).host())?;
+        engine.check_host(&plan)?;
         let (input, output) = (input_bytes(&plan), output_bytes(&plan));
         let in_device = match device.caps().kind {
             DeviceKind::DiscreteGpu | DeviceKind::VirtualGpu => {
@@ -84,6 +96,7 @@ impl HostPass {
             binding: None,
             recorded: None,
             work: None,
+            pieces: Pieces::new(device.caps().kind),
             active: None,
             kept: None,
             profiler: None,
@@ -100,10 +113,10 @@ impl HostPass {
         self.pass.plan().extent
     }
 
-    /// Fills the staged colour: `pack` writes interleaved RGB.
-    pub fn write_color(&mut self, pack: impl FnOnce(Extent, &mut [f32])) {
+    /// Stages the colour.
+    pub fn write_color(&mut self, color: &Plane) {
         let extent = self.extent();
-        pack(extent, &mut self.floats()[..3 * extent.pixels() as usize]);
+        color.pack(extent, 3, &mut self.floats()[..3 * extent.pixels() as usize]);
     }
 
     /// Stages the signals of the next run.
@@ -135,44 +148,118 @@ impl HostPass {
         &self.records
     }
 
-    /// Stages the features, runs the pass, with times of its kernels if `profile`, and waits.
+    /// Stages the features, runs the pass, with times of its kernels if `profile`, and waits: in one submission, or where
+    /// `progress` watches in several.
     pub fn run(
         &mut self,
         features: &Features,
         options: &FrameOptions,
         profile: bool,
         started: Instant,
+        progress: Option<&mut Progress>,
     ) -> Result<Report> {
         let there = if options.features_unchanged { self.kept_features()? } else { self.stage(features) };
         let planes = ((there, self.stage_noise(features)), self.signals.kinds.clone());
-        let wanted = Some((planes, *options, profile));
-        if self.recorded != wanted {
-            self.recorded = None;
-            if let Some((planes, ..)) = &wanted {
-                self.record(planes, options, profile)?;
-            }
-            self.recorded = wanted;
-        }
         self.records.clear();
         self.kept = None;
-        let gpu_ms = self.submission.run()?;
+        let gpu_ms = match progress {
+            Some(progress) => {
+                let bound = self.bound(&planes)?;
+                let commands = self.commands(&bound, options)?;
+                let mut tell = |done| progress::tell(progress, done);
+                self.run_pieces((planes, bound), &commands, options, profile, &mut tell)?
+            }
+            None => {
+                let wanted = Some((planes, *options, profile));
+                if self.recorded != wanted {
+                    self.recorded = None;
+                    if let Some((planes, ..)) = &wanted {
+                        self.record(planes, options, profile)?;
+                    }
+                    self.recorded = wanted;
+                }
+                self.submission.run()?
+            }
+        };
         self.kept = Some(there);
         if let Some(profiler) = self.profiler.as_ref().filter(|_| profile) {
             self.records = profiler.read(0)?.unwrap_or_default();
         }
-        let told = &self.output.bytes()[plane_bytes(self.extent()) as usize..];
-        let (stats, told) = told.split_at(4 * STATS_FLOATS as usize);
+        let (stats, told) = self.read_back().split_at(4 * STATS_FLOATS as usize);
+        let exposure = bytemuck::cast_slice(stats).get(EXPOSURE).copied().unwrap_or(f32::NAN);
         self.active = self.pass.active_tiles(bytemuck::cast_slice(told));
         if let Some(active) = &self.active {
             self.records.iter_mut().for_each(|record| record.count_active(active));
         }
         Ok(Report {
-            exposure: bytemuck::cast_slice(stats).get(EXPOSURE).copied().unwrap_or(f32::NAN),
+            exposure,
             gpu_ms,
             work: self.work.as_ref().map_or(0.0, |work| self.pass.share(work, self.active.as_ref())),
             total_ms: started.elapsed().as_secs_f64() * 1e3,
             device_bytes: self.engine.device.memory_bytes(),
+            tiles: None,
         })
+    }
+
+    /// Stages a frame and runs commands over it: where `tell` listens in several submissions. Returns the device's milliseconds
+    /// where it has timestamps.
+    pub fn run_commands(
+        &mut self,
+        frame: &Frame,
+        commands: &Commands,
+        options: &FrameOptions,
+        tell: Option<&mut dyn FnMut(f64) -> Result<()>>,
+    ) -> Result<Option<f64>> {
+        self.write_color(&frame.color);
+        let planes = ((self.stage(&frame.features), None), Vec::new());
+        let bound = self.bound(&planes)?;
+        if let Some(tell) = tell {
+            return self.run_pieces((planes, bound), commands, options, false, tell);
+        }
+        let recorded = self.record_piece(&bound, commands, options, false, 0..commands.dispatches.len());
+        self.binding = Some((planes, bound));
+        recorded?;
+        self.submission.run()
+    }
+
+    /// Runs commands in several submissions, and between them tells the share of them that is done; an error of `tell` ends
+    /// it there. The binding is kept. Returns the device's milliseconds where it has timestamps.
+    fn run_pieces(
+        &mut self,
+        (planes, bound): (Planes, Binding),
+        commands: &Commands,
+        options: &FrameOptions,
+        profile: bool,
+        tell: &mut dyn FnMut(f64) -> Result<()>,
+    ) -> Result<Option<f64>> {
+        let works = progress::works(&commands.dispatches, self.extent(), planes.1.len());
+        let all = works.iter().sum::<f64>().max(1.0);
+        self.work = Some(Work::of(&commands.dispatches));
+        let (mut at, mut done, mut gpu_ms) = (0, 0.0, Some(0.0));
+        let mut run = || {
+            tell(0.0)?;
+            while at < works.len() {
+                let piece = at..self.pieces.end(&works, at);
+                at = piece.end;
+                let work: f64 = works[piece.clone()].iter().sum();
+                self.record_piece(&bound, commands, options, profile, piece)?;
+                let clock = Instant::now();
+                let milliseconds = self.submission.run()?;
+                gpu_ms = gpu_ms.zip(milliseconds).map(|(sum, piece)| sum + piece);
+                self.pieces.took(work, milliseconds.unwrap_or_else(|| clock.elapsed().as_secs_f64() * 1e3));
+                done += work;
+                tell(if at < works.len() { done / all } else { 1.0 })?;
+            }
+            Ok(gpu_ms)
+        };
+        let result = run();
+        self.binding = Some((planes, bound));
+        result
+    }
+
+    /// What was read back of the plan ([`Plan::read_back`]) in the last run.
+    pub fn read_back(&self) -> &[u8] {
+        &self.output.bytes()[plane_bytes(self.extent()) as usize..]
     }
 
     /// Copies the features, and says which there are.
@@ -239,15 +326,41 @@ impl HostPass {
         unsafe { self.pass.bind_buffers_with(&frame, &signals) }
     }
 
+    /// The planes of the next recording: those bound last, if they are the same.
+    fn bound(&mut self, planes: &Planes) -> Result<Binding> {
+        self.recorded = None;
+        match self.binding.take() {
+            Some((had, binding)) if had == *planes => Ok(binding),
+            _ => self.bind(planes.0),
+        }
+    }
+
+    /// The whole pass.
+    fn commands(&self, bound: &Binding, options: &FrameOptions) -> Result<Commands> {
+        Ok(Commands { dispatches: self.pass.dispatches(bound, options)?.into_owned(), uploads: Vec::new() })
+    }
+
     fn record(&mut self, planes: &Planes, options: &FrameOptions, profile: bool) -> Result<()> {
+        let bound = self.bound(planes)?;
+        let commands = self.commands(&bound, options)?;
+        self.work = Some(Work::of(&commands.dispatches));
+        self.record_piece(&bound, &commands, options, profile, 0..commands.dispatches.len())?;
+        self.binding = Some((planes.clone(), bound));
+        Ok(())
+    }
+
+    /// Records a part of the dispatches: the first with the copies in before it, the last with those out after it.
+    fn record_piece(
+        &mut self,
+        bound: &Binding,
+        commands: &Commands,
+        options: &FrameOptions,
+        profile: bool,
+        piece: Range<usize>,
+    ) -> Result<()> {
         if profile && self.profiler.is_none() {
             self.profiler = Some(self.pass.profiler(1)?);
         }
-        let bound = match self.binding.take() {
-            Some((had, binding)) if had == *planes => binding,
-            _ => self.bind(planes.0)?,
-        };
-        self.work = Some(self.pass.work_of(&bound, options)?);
         let mut dst_offset = plane_bytes(self.extent());
         let copies = self.pass.plan().read_back().into_iter().map(|id| {
             let (buffer, src_offset, size) = self.pass.location(id);
@@ -258,6 +371,7 @@ impl HostPass {
         let mut copies: Vec<_> = copies.collect();
         let whole = |size| vk::BufferCopy { src_offset: 0, dst_offset: 0, size };
         copies.extend(self.in_device.as_ref().map(|[_, plane]| (plane.raw(), whole(plane.size()))));
+        let (first, last) = (piece.start == 0, piece.end == commands.dispatches.len());
         let Self { submission, pass, input, output, in_device, engine, profiler, .. } = self;
         let profiled = profiler.as_ref().filter(|_| profile).map(|profiler| (profiler, 0));
         let device = &engine.device;
@@ -270,27 +384,35 @@ impl HostPass {
         let host = (vk::PipelineStageFlags::HOST, vk::AccessFlags::HOST_READ);
         let copied = (vk::PipelineStageFlags::TRANSFER, vk::AccessFlags::TRANSFER_WRITE);
         let read = (vk::PipelineStageFlags::COMPUTE_SHADER, vk::AccessFlags::SHADER_READ);
-        // SAFETY, of all three: the command buffer is recording and ours; everything bound and copied lives in `self`, and
-        // `Submission::run` waits.
+        // SAFETY, of all three: the command buffer is recording and ours; everything bound and copied lives in `self` or, for
+        // uploads, with the caller, and `Submission::run` waits.
         submission.record_between(
-            |commands| unsafe {
+            |recording| unsafe {
+                if !first {
+                    return;
+                }
                 // The last run's copies of what is read back, before this run overwrites them.
-                barrier(device, commands, transfer, compute);
-                if let Some([planes, _]) = in_device {
-                    device.raw().cmd_copy_buffer(commands, input.raw(), planes.raw(), &[whole(planes.size())]);
-                    barrier(device, commands, copied, read);
+                barrier(device, recording, transfer, compute);
+                let planes = in_device.as_ref().map(|[planes, _]| (input.raw(), planes.raw(), whole(planes.size())));
+                if planes.is_none() && commands.uploads.is_empty() {
+                    return;
                 }
+                for (from, to, copy) in planes.iter().chain(&commands.uploads) {
+                    device.raw().cmd_copy_buffer(recording, *from, *to, &[*copy]);
+                }
+                barrier(device, recording, copied, read);
             },
-            |commands| unsafe { pass.record_with(commands, &bound, options, profiled) },
-            |commands| unsafe {
-                barrier(device, commands, compute, transfer);
+            |recording| unsafe { pass.record_part(recording, bound, options, &commands.dispatches, piece, profiled) },
+            |recording| unsafe {
+                if !last {
+                    return;
+                }
+                barrier(device, recording, compute, transfer);
                 for (buffer, copy) in copies {
-                    device.raw().cmd_copy_buffer(commands, buffer, output.raw(), &[copy]);
+                    device.raw().cmd_copy_buffer(recording, buffer, output.raw(), &[copy]);
                 }
-                barrier(device, commands, written, host);
+                barrier(device, recording, written, host);
             },
-        )?;
-        self.binding = Some((planes.clone(), bound));
-        Ok(())
+        )
     }
 }

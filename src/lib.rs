@@ -64,12 +64,14 @@ macro_rules! internals {
 internals! { frame kernels microbench net options plan reference target testing vk }
 
 mod cache;
+mod denoise;
 mod denoiser;
 mod descriptors;
 mod engine;
 mod error;
 #[cfg(feature = "exr")]
 pub mod exr_io;
+mod frame_statistics;
 mod host;
 mod host_signals;
 mod memory;
@@ -78,10 +80,13 @@ mod parallel;
 mod pass;
 mod pipelines;
 pub mod profile;
+mod progress;
 mod quality;
 mod record;
 mod renderer;
 mod signals;
+mod tiled;
+mod tiling;
 
 /// Vulkan's types and functions, in the version that the library's signatures name.
 pub use ash;
@@ -95,10 +100,11 @@ pub use kernels::frame_io::Fireflies;
 pub use kernels::quiet::NoiseKind;
 pub use memory::MemoryRequired;
 pub use net::weights::{Weights, WeightsError};
-pub use options::{Exposure, FrameOptions, Options, Precision, Quiet, QuietMargins, QuietMode, Report};
+pub use options::{Exposure, FrameOptions, Options, Precision, Quiet, QuietMargins, QuietMode, Report, TileReport};
 pub use pass::{Binding, Pass};
 pub use plan::active::{ActiveTiles, Part};
 pub use profile::{KernelRecord, Profiler};
+pub use progress::Progress;
 pub use quality::Quality;
 pub use renderer::{
     BufferAddress, BufferFrame, BufferPlane, FrameStatistics, ImageFormat, ImageFrame, ImagePlane, SampleFormat,

@@ -7,7 +7,6 @@ use crate::frame::Extent;
 use crate::kernels::quiet::NoiseKind;
 use crate::kernels::signals::SignalArgs;
 use crate::kernels::{Addresses, BufferId, FrameArgs, KernelTarget, PlaneArgs, TexelRange};
-use crate::net::weights::ExposureRule;
 use crate::options::{Exposure, FrameOptions};
 use crate::plan::active::{ActiveTiles, Work};
 use crate::plan::{self, Dispatch, Place, Plan, Present};
@@ -21,6 +20,7 @@ use crate::vk::pipeline::Pipeline;
 use ash::vk;
 use gpu_allocator::MemoryLocation;
 use std::borrow::Cow;
+use std::ops::Range;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
@@ -110,7 +110,7 @@ impl Pass {
     }
 
     /// What runs of a binding's dispatches; of all, where nothing is left out, its own list.
-    fn dispatches<'a>(&self, binding: &'a Binding, options: &FrameOptions) -> Result<Cow<'a, [Dispatch]>> {
+    pub(crate) fn dispatches<'a>(&self, binding: &'a Binding, options: &FrameOptions) -> Result<Cow<'a, [Dispatch]>> {
         if binding.pass != self.id {
             return Err(Error::Binding(
                 "it was made by another pass: bind the planes with the pass that records".into(),
@@ -334,6 +334,25 @@ impl Pass {
         profiled: Option<(&Profiler, u32)>,
     ) -> Result<()> {
         let dispatches = self.dispatches(binding, options)?;
+        let all = 0..dispatches.len();
+        // SAFETY: the caller's promises are the same.
+        unsafe { self.record_part(commands, binding, options, &dispatches, all, profiled) }
+    }
+
+    /// Records a part of what [`Pass::dispatches`] gave for the same binding, or of other dispatches of the pass's plan, one for
+    /// each of the binding's. The parts run in order, the first one begins with the first dispatch.
+    ///
+    /// # Safety
+    /// As [`Pass::record_profiled`]; the binding is this pass's.
+    pub(crate) unsafe fn record_part(
+        &self,
+        commands: vk::CommandBuffer,
+        binding: &Binding,
+        options: &FrameOptions,
+        dispatches: &[Dispatch],
+        part: Range<usize>,
+        profiled: Option<(&Profiler, u32)>,
+    ) -> Result<()> {
         // SAFETY: the caller vouches for the buffers.
         let resolve = |place: &BufferAddress| unsafe { place.resolve(&self.engine.device) };
         let exposure_at = match &options.exposure {
@@ -341,7 +360,7 @@ impl Pass {
             _ => None,
         };
         let timestamps = match profiled {
-            Some((profiler, slot)) => Some(profiler.begin(slot, &dispatches)?),
+            Some((profiler, slot)) => Some(profiler.begin(slot, dispatches)?),
             None => None,
         };
         let recording = Recording {
@@ -349,11 +368,7 @@ impl Pass {
             addresses: Addresses {
                 buffer: &|id| self.address(id),
                 frame: FrameArgs {
-                    exposure: match (options.exposure, self.engine.exposure_rule) {
-                        (Exposure::Fixed(factor), _) => Some(factor),
-                        (_, ExposureRule::Auto) => None,
-                        (_, ExposureRule::None) => Some(1.0),
-                    },
+                    exposure: self.engine.fixed_exposure(options.exposure),
                     exposure_at,
                     told_at: options.statistics.as_ref().map(resolve),
                     blend: options.blend,
@@ -372,7 +387,7 @@ impl Pass {
             timestamps,
         };
         // SAFETY: the caller vouches for `commands` and for what the binding names; the arena is this pass's own.
-        unsafe { recording.record(commands, &dispatches) };
+        unsafe { recording.record(commands, dispatches, part) };
         Ok(())
     }
 

@@ -9,6 +9,7 @@ use crate::vk::pipeline::Pipeline;
 use crate::vk::submit;
 use crate::vk::timestamps::Timestamps;
 use ash::vk;
+use std::ops::Range;
 use std::sync::Arc;
 
 /// What a recording needs beside the dispatches.
@@ -29,22 +30,23 @@ pub(crate) struct Recording<'a> {
 }
 
 impl Recording<'_> {
-    /// Records the dispatches. It begins with a barrier that makes them wait for every compute shader before, so that
-    /// a pass may be recorded again while its last run is in flight on the same queue.
+    /// Records those of the pass's dispatches that `part` names. It begins with a barrier that makes them wait for every
+    /// compute shader before, so that a pass may be recorded again while its last run is in flight on the same queue, and
+    /// its parts one after another. Timestamps are reset by the first part.
     ///
     /// # Safety
     /// `commands` is recording, belongs to the device and to a family with compute, outside a render pass; everything
     /// that the addresses and sets name lives until the commands have run.
-    pub unsafe fn record(&self, commands: vk::CommandBuffer, dispatches: &[Dispatch]) {
+    pub unsafe fn record(&self, commands: vk::CommandBuffer, dispatches: &[Dispatch], part: Range<usize>) {
         let device = self.device.raw();
         let mut bound = vk::Pipeline::null();
-        if let Some((timestamps, first)) = self.timestamps {
+        if let Some((timestamps, first)) = self.timestamps.filter(|_| part.start == 0) {
             // SAFETY: the caller vouches for `commands`.
             unsafe { timestamps.reset(commands, first, 2 * dispatches.len() as u32) };
         }
         let indirect = dispatches.iter().any(|dispatch| dispatch.indirect.is_some());
         let (mut waits, mut last) = (true, 0);
-        for (i, signal) in self.order(dispatches) {
+        for (i, signal) in self.order(dispatches).filter(|(i, _)| part.contains(i)) {
             let (dispatch, pipeline) = (&dispatches[i], &self.pipelines[i]);
             // A signal's dispatches overwrite what the last one's read.
             waits |= dispatch.barrier || signal > last;

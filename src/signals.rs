@@ -99,6 +99,13 @@ pub(crate) fn not_asked_for() -> Error {
     Error::InvalidOption { option: "signals", reason: reason.into() }
 }
 
+/// What it says of a frame that would be cut into tiles.
+pub(crate) fn not_in_tiles() -> Error {
+    let reason = "the frame would be cut into tiles to fit the memory, and tiles take no signals; raise Options::memory_budget \
+                  or leave the signals out";
+    Error::InvalidOption { option: "signals", reason: reason.into() }
+}
+
 /// Refuses weights through whose kernels no signal can go.
 pub(crate) fn check_head(arch: &Arch) -> Result<()> {
     let why = match arch.head.kernels() {

@@ -24,6 +24,9 @@ pub struct Target {
     /// Gives what depends on albedo, normal and depth alone, and is read by the rest, a place of its own: it can be used for
     /// the next frame.
     pub keep_features: bool,
+    /// Whether it is a tile of a larger frame, which gives what is of the whole ([`crate::plan::tile`]): the places of that are
+    /// kept for it. Not with `quiet` and `keep_features`.
+    pub of_tile: bool,
     /// How quiet tiles are left out; `None`: none are.
     pub quiet: Option<QuietMode>,
     /// Whether signals beside the colour can go through the predicted kernels.
@@ -62,6 +65,7 @@ impl Default for Target {
             max_block_bytes: u64::MAX,
             keep_all: false,
             keep_features: false,
+            of_tile: false,
             quiet: None,
             signals: false,
             folds: Folds::EVERYWHERE,

@@ -4,7 +4,7 @@ use crate::denoiser::Denoiser;
 use crate::descriptors::{DescriptorSets, Resources};
 use crate::engine;
 use crate::error::{Error, Result};
-use crate::frame::{Frame, Layout, PlaneMut};
+use crate::frame::{Extent, Frame, Layout, PlaneMut};
 use crate::kernels::contract::Need;
 use crate::kernels::{Addresses, BufferId, Call, FrameArgs, KernelTarget, PlaneArgs, TexelRange};
 use crate::net::graph::Stage;
@@ -14,6 +14,7 @@ use crate::pipelines::Pipelines;
 use crate::plan::{Dispatch, Plan};
 use crate::record::Recording;
 use crate::target::prefers_cpu_kernels;
+use crate::tiled;
 use crate::vk::caps::TEXEL_BYTES;
 use crate::vk::device::{Device, DeviceOptions};
 use crate::vk::memory::Buffer;
@@ -144,7 +145,7 @@ impl Bench {
         };
         submission.record(|commands| {
             // SAFETY: the command buffer is ours; the buffers live in `self`, and `run` waits.
-            unsafe { recording.record(commands, &dispatches) };
+            unsafe { recording.record(commands, &dispatches, 0..dispatches.len()) };
             Ok(())
         })?;
         submission.run()
@@ -183,6 +184,17 @@ pub fn denoiser_with_kernels(device: &Device, weights: &Weights, options: &Optio
     let mut target = engine::target(device, options)?;
     target.kernels.cpu = cpu;
     Denoiser::for_target(device, weights, options, target)
+}
+
+/// Has the host path cut frames of a size into tiles of this size and these margins, multiples of the network's padding, whether
+/// they fit or not. A tile is a margin on two sides and some padding between, at least, or as long as the frame.
+///
+/// # Errors
+/// Those of planning.
+pub fn cut_into_tiles(denoiser: &mut Denoiser, extent: Extent, tile: [u32; 2], margin: u32) -> Result<()> {
+    let tiling = tiled::tiling_of(&denoiser.engine, extent, tile, margin)?;
+    (denoiser.host, denoiser.tiling) = (None, Some((extent, tiling)));
+    Ok(())
 }
 
 /// Denoises a frame on the host path and reads what `pick` names of the plan afterwards, with the plan. Only what lives

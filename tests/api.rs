@@ -313,12 +313,15 @@ fn memory_is_known_and_bounded() {
     };
     let (denoised, pass, _) = denoise(needed.host());
     assert!(denoised.is_ok() && pass.is_ok());
-    let (refused, pass, output) = denoise(needed.host() - 1);
+    // A little less costs some work alone (tests/tiles.rs), and a renderer's pass has no staging.
+    let (denoised, pass, _) = denoise(needed.host() - 1);
+    assert!(denoised.is_ok() && pass.is_ok());
+    let budget = needed.weights + 1000;
+    let (refused, _, output) = denoise(budget);
     let words = refused.unwrap_err().to_string();
-    for part in [needed.host(), needed.host() - 1] {
+    for part in [needed.host(), budget] {
         assert!(words.contains(&part.to_string()), "{words}");
     }
-    assert!(pass.is_ok(), "a renderer's pass has no staging");
     assert!(output.iter().all(|&v| v == -1.0));
     let (_, pass, _) = denoise(needed.pass() - 1);
     assert!(matches!(pass, Err(Error::FrameTooLarge { .. })));

@@ -15,6 +15,8 @@ mod farm;
 mod files;
 #[path = "cli/images.rs"]
 mod images;
+#[path = "cli/light.rs"]
+mod light;
 #[path = "cli/signals.rs"]
 mod signals;
 

@@ -63,7 +63,7 @@ fn denoise(denoiser: &mut Denoiser, frame: &Frame, signals: &[Given]) -> (Vec<f3
         })
         .collect();
     let target = PlaneMut::f32(&mut color, Layout::interleaved(extent, 3));
-    denoiser.denoise_with(frame, target, &mut given).unwrap();
+    denoiser.denoise_with(frame, target, &mut given, None).unwrap();
     (color, outputs)
 }
 
@@ -345,7 +345,7 @@ fn what_does_not_fit_is_refused() {
             output: PlaneMut::f32(&mut output, layout),
         };
         let target = PlaneMut::f32(&mut color, Layout::interleaved(extent, 3));
-        let result = denoiser.denoise_with(&frame.frame(), target, &mut [signal]);
+        let result = denoiser.denoise_with(&frame.frame(), target, &mut [signal], None);
         let untouched = color.iter().chain(&output).all(|value| *value == -1.0);
         assert_eq!(result.is_err(), untouched);
         result.map(|_| ())

@@ -59,7 +59,7 @@ fn on_host() -> Vec<Vec<f32>> {
             Signal { kind: *kind, channels: *channels, plane, output }
         })
         .collect();
-    denoiser.denoise_with(&frame, PlaneMut::f32(&mut denoised, rgb), &mut given).unwrap();
+    denoiser.denoise_with(&frame, PlaneMut::f32(&mut denoised, rgb), &mut given, None).unwrap();
     outputs
 }
 

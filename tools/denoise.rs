@@ -39,7 +39,12 @@ enum Failure {
     Failed(String),
     /// Some images failed, the others are written.
     Some(String),
+    /// It was told to stop.
+    Interrupted(String),
 }
+
+/// The exit code of a program that was told to stop.
+const INTERRUPTED: u8 = 130;
 
 impl Failure {
     fn failed(error: impl std::fmt::Display) -> Self {
@@ -64,6 +69,10 @@ fn main() -> ExitCode {
         Err(Failure::Some(message)) => {
             eprintln!("vkdenoise: {message}");
             ExitCode::from(3)
+        }
+        Err(Failure::Interrupted(message)) => {
+            eprintln!("vkdenoise: {message}");
+            ExitCode::from(INTERRUPTED)
         }
         Err(Failure::Usage(message)) => {
             eprintln!("vkdenoise: {message}\nTry 'vkdenoise --help'.");

@@ -7,7 +7,8 @@ use super::contracts::{self, halves};
 use super::pushes::{FilmVectorPush, TokenSumPush};
 use super::quiet::{MAP_TILE, Sample};
 use super::{
-    Access, Addresses, BufferId, Footprint, Kernel, KernelTarget, PushBytes, Traffic, Variant, View, by_storage, groups,
+    Access, Addresses, BufferId, Footprint, Kernel, KernelTarget, PushBytes, TokenRect, Traffic, Variant, View,
+    by_storage, groups,
 };
 
 /// Most partial sums of a frame.
@@ -51,6 +52,30 @@ impl TokenSum {
     /// Tokens averaged.
     pub fn real_tokens(&self) -> u64 {
         u64::from(self.real_width) * u64::from(self.real_height)
+    }
+
+    /// Has it sum a rectangle of the map that it was planned for.
+    pub(crate) fn restrict_to(&mut self, tokens: TokenRect) {
+        let TokenRect { left, top, right, bottom } = tokens;
+        let src = &mut self.src;
+        (src.first, src.top) = (src.first + left * src.stride, src.top + top);
+        (src.height, self.real_width, self.real_height) = (src.height - top, right - left, bottom - top);
+    }
+
+    /// The map whose tokens are summed, from its first column on.
+    pub(crate) fn whole(&self) -> View {
+        View { first: self.src.first % self.src.stride, ..self.src }
+    }
+
+    /// The tokens of [`TokenSum::whole`] that are summed.
+    pub(crate) fn tokens(&self) -> TokenRect {
+        let left = self.src.first / self.src.stride;
+        TokenRect { left, top: 0, right: left + self.real_width, bottom: self.real_height }
+    }
+
+    /// Bytes that the partial sums of any rectangle of a map fit into.
+    pub(crate) fn most_bytes(channels: u32) -> u64 {
+        MAX_SUMS * u64::from(channels) * 4
     }
 
     /// Tokens of one partial sum.

@@ -89,8 +89,9 @@ pub struct Options {
     pub conv: Option<ConvAlgorithm>,
     /// How separable convolutions are; `None`: as suits the device.
     pub separable: Option<SeparableForm>,
-    /// Most device memory that a frame may take (arena, weights and, in the host path, staging), in bytes; a frame that needs
-    /// more is refused before anything is allocated for it. `None`: what the device has.
+    /// Most device memory that a frame may take (arena, weights and, in the host path, staging), in bytes. The host path cuts
+    /// a frame that needs more into tiles ([`Report::tiles`]), and refuses one of which no tile fits; a renderer's pass is refused.
+    /// Nothing is allocated before that. `None`: what the device has.
     pub memory_budget: Option<u64>,
     /// Bytes that a map between kernels that follow each other may take; where it would take more, they run band by band of
     /// the frame, which takes less memory and a little more work. The bits stay the same. `None`:
@@ -99,7 +100,7 @@ pub struct Options {
     /// Whether what depends on albedo, normal and depth alone is kept between frames, for a camera that stands still:
     /// [`FrameOptions::features_unchanged`], [`Denoiser::set_features_unchanged`]. It costs device memory.
     pub keep_features: bool,
-    /// What is left out as it needs no denoising; `None`: nothing.
+    /// What is left out as it needs no denoising; `None`: nothing. A frame in tiles is denoised everywhere.
     pub quiet: Option<Quiet>,
     /// Whether frames may come with signals that go through the kernels of their colour ([`crate::signals`],
     /// [`crate::Denoiser::denoise_with`], [`crate::Pass::bind_buffers_with`]). For weights that predict kernels and nothing else
@@ -119,10 +120,24 @@ pub struct Report {
     /// and compiles.
     pub total_ms: f64,
     /// Share of the FLOPs of the whole frame's pass that were computed: 1, or less with [`Denoiser::set_region`],
-    /// [`Denoiser::set_features_unchanged`] and [`Options::quiet`].
+    /// [`Denoiser::set_features_unchanged`] and [`Options::quiet`]; more where tiles overlap.
     pub work: f64,
     /// Device memory of arena, weights and staging, in bytes.
     pub device_bytes: u64,
+    /// How the frame was cut, where it was too large for the device or the budget.
+    pub tiles: Option<TileReport>,
+}
+
+/// How a frame was cut that does not fit the device or [`Options::memory_budget`] in whole.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub struct TileReport {
+    /// Tiles.
+    pub count: usize,
+    /// Pixels beyond its own that a tile looks at, on each side where there is another.
+    pub margin: u32,
+    /// Whether a pixel depends on none beyond that: tiles then meet without a seam. Else they meet with one that is small
+    /// (`docs/tiles.md`).
+    pub exact: bool,
 }
 
 /// What may change from frame to frame.

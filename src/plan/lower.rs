@@ -4,6 +4,7 @@ use super::arena::{self, Request};
 use super::bands::Band;
 use super::featureless::{self, For};
 use super::pack::Pack;
+use super::tile::Given;
 use super::{Buffer, Dispatch, Place, Plan, features, hazards, quiet};
 use crate::error::{Error, Result};
 use crate::frame::{Extent, Region};
@@ -281,7 +282,10 @@ impl<'a> Lowering<'a> {
         features::mark(&mut self.dispatches, |id| matches!(buffers[id.0].place, Place::Weights { .. }));
         let multiple = self.graph.arch.pad_multiple();
         let dispatches = std::mem::take(&mut self.dispatches);
-        let merged = featureless::merge(dispatches, &mut self.buffers, self.padded, multiple, options.kernels);
+        let merged = match options.of_tile {
+            true => dispatches.into_iter().map(|dispatch| (dispatch, For::Every)).collect(),
+            false => featureless::merge(dispatches, &mut self.buffers, self.padded, multiple, options.kernels),
+        };
         let (merged, quiet) = match options.quiet {
             Some(mode) => {
                 let Self { extent, padded, stats, .. } = self;
@@ -292,7 +296,9 @@ impl<'a> Lowering<'a> {
             }
             None => (merged, None),
         };
-        let read_after: Vec<BufferId> = quiet.iter().map(|quiet| quiet.buffer).collect();
+        let mut read_after: Vec<BufferId> = quiet.iter().map(|quiet| quiet.buffer).collect();
+        let given = options.of_tile.then(|| Given::of(merged.iter().map(|(dispatch, _)| dispatch)));
+        read_after.extend(given.iter().flat_map(Given::buffers));
         let kept = &[kept, &read_after].concat()[..];
         let kept = match options.keep_features {
             true => [kept, &features::kept(merged.iter().map(|(dispatch, _)| dispatch))].concat(),
@@ -354,6 +360,7 @@ impl<'a> Lowering<'a> {
             stats: self.stats,
             keeps_features: options.keep_features,
             quiet,
+            given,
         })
     }
 }

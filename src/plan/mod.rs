@@ -17,6 +17,7 @@ pub mod quiet;
 mod quiet_reach;
 mod region;
 mod signals;
+pub mod tile;
 mod unembed;
 mod winograd;
 
@@ -203,6 +204,8 @@ pub struct Plan {
     pub stats: BufferId,
     /// What the device says of tiles that need no denoising; `None` where all are denoised.
     pub quiet: Option<active::Activity>,
+    /// Where a tile of a larger frame takes what is of the whole from; `None`: it is the whole.
+    pub given: Option<tile::Given>,
     /// Whether what depends on the features alone keeps its place between frames ([`Target::keep_features`]).
     pub keeps_features: bool,
 }
@@ -221,10 +224,12 @@ impl Plan {
         }
     }
 
-    /// What tells of a pass after it has run: the statistics, and where quiet tiles are left out [`active::Activity`].
+    /// What tells of a pass after it has run: the statistics, and where quiet tiles are left out [`active::Activity`]; of a tile
+    /// its sums.
     pub fn read_back(&self) -> Vec<BufferId> {
         let activity = self.quiet.as_ref().map(|quiet| quiet.buffer);
-        std::iter::once(self.stats).chain(activity).collect()
+        let sums = self.given.iter().flat_map(|given| given.sums.iter().map(|sums| sums.buffer));
+        std::iter::once(self.stats).chain(activity).chain(sums).collect()
     }
 
     /// Device memory of arena and weights, in bytes.

@@ -150,7 +150,11 @@ impl Lowering<'_> {
                     dst: normed.buffer,
                     computed: None,
                 };
-                sum.dst = self.scratch(&format!("{}.partials", op.name), sum.sums_bytes(), Storage::F32);
+                let bytes = match self.options.of_tile {
+                    true => film::TokenSum::most_bytes(normed.channels),
+                    false => sum.sums_bytes(),
+                };
+                sum.dst = self.scratch(&format!("{}.partials", op.name), bytes, Storage::F32);
                 let partials = Partials { buffer: sum.dst, sums: sum.sums(), tokens: sum.real_tokens() };
                 self.partials.insert(*output, partials);
                 Call::TokenSum(sum)

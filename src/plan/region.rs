@@ -25,17 +25,21 @@ impl Plan {
 
     /// The same for other dispatches of this plan.
     pub(crate) fn restrict_to(&self, region: Region, dispatches: &mut [Dispatch]) {
-        set_region(region, dispatches);
-        let keeps = |dispatch: &Dispatch| self.keeps_features && dispatch.of_features;
-        let needed = needed_tokens(dispatches, region, keeps);
-        for (dispatch, needed) in dispatches.iter_mut().zip(needed) {
-            let (Some(rect), Some(grid)) = (needed, dispatch.call.grid()) else { continue };
-            dispatch.set_tiles(covering(&grid, rect));
-            let [count, all] = Grid { tiles: covering(&grid, rect), ..grid }.counts();
-            dispatch.flops = dispatch.flops * u64::from(count) / u64::from(all).max(1);
-            if count == 0 {
-                dispatch.skip();
-            }
+        restrict_all(dispatches, region, |dispatch| self.keeps_features && dispatch.of_features);
+    }
+}
+
+/// Has the dispatches compute what the pixels of `region` depend on, and nothing else but those that are kept as they are.
+pub(super) fn restrict_all(dispatches: &mut [Dispatch], region: Region, keeps: impl Fn(&Dispatch) -> bool) {
+    set_region(region, dispatches);
+    let needed = needed_tokens(dispatches, region, keeps);
+    for (dispatch, needed) in dispatches.iter_mut().zip(needed) {
+        let (Some(rect), Some(grid)) = (needed, dispatch.call.grid()) else { continue };
+        dispatch.set_tiles(covering(&grid, rect));
+        let [count, all] = Grid { tiles: covering(&grid, rect), ..grid }.counts();
+        dispatch.flops = dispatch.flops * u64::from(count) / u64::from(all).max(1);
+        if count == 0 {
+            dispatch.skip();
         }
     }
 }
@@ -140,6 +144,10 @@ impl Needed {
 
     /// What a call has to compute for those after it; what it needs itself is added. `None` for kernels without a grid.
     fn before(&mut self, call: &Call) -> Option<TokenRect> {
+        if let Call::TokenSum(sum) = call {
+            self.add(&sum.whole(), sum.tokens());
+            return None;
+        }
         let maps = call.maps();
         let Some(grid) = call.grid() else {
             maps.iter().filter(|(_, access)| !access.writes()).for_each(|(view, _)| self.add_all(view));

@@ -56,6 +56,33 @@ fn an_interrupt_leaves_whole_files_only() {
     }
 }
 
+/// An interrupt stops an image in its middle.
+#[cfg(unix)]
+#[test]
+fn an_interrupt_stops_an_image_in_its_middle() {
+    use std::io::{BufRead, BufReader};
+    use std::process::Stdio;
+    let d = Directory::new();
+    let (input, out) = (d.path("large.exr"), d.path("out.exr"));
+    // Many times as long on a CPU as anything that this test waits for.
+    exr::prelude::write_rgb_file(&input, 1024, 1024, |x, y| {
+        let noise = (x * 7919 + y * 104_729) % 97;
+        (0.1 + noise as f32 / 97.0, 0.2, 0.3)
+    })
+    .unwrap();
+    let arguments = arguments![input, "-o", out, "--cache", "off"];
+    let mut child = tool().args(arguments).stderr(Stdio::piped()).spawn().unwrap();
+    let mut said = BufReader::new(child.stderr.take().unwrap()).lines().map(Result::unwrap);
+    assert!(said.next().unwrap().contains("colour R/G/B"));
+    std::thread::sleep(std::time::Duration::from_millis(700));
+    assert!(child.try_wait().unwrap().is_none(), "it ended before it was interrupted");
+    assert!(Command::new("kill").args(["-INT", &child.id().to_string()]).status().unwrap().success());
+    let rest: Vec<String> = said.collect();
+    assert_eq!(child.wait().unwrap().code(), Some(130), "{rest:?}");
+    assert_eq!(rest, ["vkdenoise: interrupted: 0 of 1 images are written"]);
+    assert_eq!(d.names(""), ["large.exr"]);
+}
+
 /// Frames by a range, into names with their numbers; one that is missing has its record.
 #[test]
 fn frames_go_into_a_pattern_and_each_has_its_record() {

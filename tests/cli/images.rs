@@ -166,3 +166,28 @@ fn a_quality_chooses_network_and_what_is_left_out() {
         assert_eq!(denoise(&plain[..4]), denoise(&["--precision", "fp16"]));
     }
 }
+
+/// An image that does not fit the budget is cut into tiles, and that is said.
+#[test]
+fn an_image_beyond_the_budget_is_cut_into_tiles() {
+    let d = Directory::new();
+    let (input, whole, tiles) = (d.path("wide.exr"), d.path("whole.exr"), d.path("tiles.exr"));
+    exr::prelude::write_rgb_file(&input, 640, 50, |x, y| {
+        let noise = (x * 7919 + y * 104_729) % 97;
+        (0.1 + noise as f32 / 97.0, 0.2, 0.3)
+    })
+    .unwrap();
+    succeeded(&run(arguments![input, "-o", whole]));
+    let ran = run(arguments![input, "-o", tiles, "--memory-budget", "40", "--json"]);
+    succeeded(&ran);
+    let json: Value = serde_json::from_str(&ran.out).unwrap();
+    assert_eq!((&json["tiles"]["margin"], &json["tiles"]["exact"]), (&128.into(), &false.into()), "{}", ran.out);
+    assert!(json["device_bytes"].as_u64().unwrap() <= 40 << 20, "{}", ran.out);
+    let count = json["tiles"]["count"].as_u64().unwrap();
+    assert!(count > 1 && ran.err.contains(&format!("640 x 50 in {count} tiles with margins of 128")), "{}", ran.err);
+    let apart = color(&whole).iter().zip(color(&tiles)).map(|(a, b)| (a - b).abs()).fold(0.0, f32::max);
+    assert!(apart < 0.01, "{apart}");
+    let refused = run(arguments![input, "-o", d.path("none.exr"), "--memory-budget", "20"]);
+    assert!(refused.code == Some(1) && refused.err.contains("the budget is 20971520"), "{}", refused.err);
+    assert_eq!(d.names(""), ["tiles.exr", "whole.exr", "wide.exr"]);
+}

@@ -107,7 +107,7 @@ pub struct Args {
     #[arg(long, value_name = "F", default_value = "auto", value_parser = parsed::<Fireflies>)]
     pub fireflies: Fireflies,
 
-    /// Most device memory to use, in MiB: an image that needs more is refused
+    /// Most device memory to use, in MiB: an image that needs more is denoised in tiles that overlap
     #[arg(long, value_name = "MIB")]
     pub memory_budget: Option<u64>,
 

@@ -4,7 +4,7 @@ use crate::jobs::Job;
 use serde::Serialize;
 use vkdenoise::exr_io::{Selection, UsedLayer};
 use vkdenoise::metrics::Comparison;
-use vkdenoise::{ActiveTiles, Error, Extent, Part, Region, Report};
+use vkdenoise::{ActiveTiles, Error, Extent, Part, Region, Report, TileReport};
 
 /// The figures of one image against a reference.
 pub struct Figures {
@@ -92,9 +92,22 @@ struct Record<'a> {
     gpu_ms: Option<f64>,
     total_ms: f64,
     device_bytes: u64,
+    /// How it was cut, where it does not fit the device or the budget in whole.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    tiles: Option<TileRecord>,
     layers: Layers,
     #[serde(flatten)]
     figures: Option<FigureRecord>,
+}
+
+/// How an image was cut.
+#[derive(Serialize)]
+struct TileRecord {
+    count: usize,
+    /// Pixels that a tile looks at beyond its own.
+    margin: u32,
+    /// Whether that leaves no seam.
+    exact: bool,
 }
 
 #[derive(Serialize)]
@@ -156,6 +169,7 @@ impl Outcome<'_> {
             gpu_ms: self.report.gpu_ms,
             total_ms: self.report.total_ms,
             device_bytes: self.report.device_bytes,
+            tiles: self.report.tiles.map(|TileReport { count, margin, exact, .. }| TileRecord { count, margin, exact }),
             layers: Layers {
                 color: self.selection.color.to_string(),
                 into: name(&self.selection.into),
@@ -205,8 +219,11 @@ impl Outcome<'_> {
             let denoised = 100.0 * active.denoised(self.extent);
             format!(", {denoised:.1} % of it denoised for {:.1} % of the work", 100.0 * report.work)
         });
+        let tiles = report.tiles.map_or(String::new(), |TileReport { count, margin, .. }| {
+            format!(" in {count} tiles with margins of {margin}")
+        });
         format!(
-            "{}{}: {part}{width} x {height}{quiet}, exposure {:.4}, {} {} in {:.1} ms{gpu} ({})",
+            "{}{}: {part}{width} x {height}{tiles}{quiet}, exposure {:.4}, {} {} in {:.1} ms{gpu} ({})",
             self.job.output,
             view_text(self.selection),
             report.exposure,

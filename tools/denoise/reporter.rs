@@ -6,38 +6,48 @@ use crate::jobs::Job;
 use crate::report::{Outcome, left_json, selection_text};
 use indicatif::{ProgressBar, ProgressStyle};
 use std::io::Write;
+use std::sync::atomic::{AtomicUsize, Ordering};
 use std::time::Duration;
 use vkdenoise::exr_io::Selection;
 
+/// What an image counts for on the bar.
+const OF_AN_IMAGE: u64 = 1000;
+
 /// Says what happens to each image; shared by the devices.
 pub struct Reporter {
+    /// In thousandths of an image.
     bar: ProgressBar,
+    images: usize,
+    begun: AtomicUsize,
     quiet: bool,
     json: bool,
 }
 
 impl Reporter {
     /// For so many images. The bar is shown on a terminal only.
-    pub fn new(args: &Args, jobs: usize) -> Self {
-        let bar = if args.quiet { ProgressBar::hidden() } else { ProgressBar::new(jobs as u64) };
+    pub fn new(args: &Args, images: usize) -> Self {
+        let bar = if args.quiet { ProgressBar::hidden() } else { ProgressBar::new(images as u64 * OF_AN_IMAGE) };
         if !args.quiet {
-            if let Ok(style) = ProgressStyle::with_template("{spinner} {elapsed_precise} {wide_bar} {pos}/{len} {msg}")
+            if let Ok(style) = ProgressStyle::with_template("{spinner} {elapsed_precise} {wide_bar} {percent} % {msg}")
             {
                 bar.set_style(style);
             }
             bar.enable_steady_tick(Duration::from_millis(200));
         }
-        Self { bar, quiet: args.quiet, json: args.json }
+        Self { bar, images, begun: AtomicUsize::new(0), quiet: args.quiet, json: args.json }
     }
 
-    /// An image is begun.
-    pub fn begin(&self, job: &Job) {
-        self.bar.set_message(job.input.display().to_string());
+    /// An image is begun; it ends with what is returned, well or not.
+    pub fn begin(&self, job: &Job) -> Share<'_> {
+        let number = 1 + self.begun.fetch_add(1, Ordering::Relaxed);
+        self.bar.set_message(format!("{number} of {}: {}", self.images, job.input.display()));
+        Share { bar: &self.bar, told: 0 }
     }
 
-    /// An image is done with, well or not.
-    pub fn end(&self) {
-        self.bar.inc(1);
+    /// An image is left out or failed before it was begun.
+    pub fn pass_over(&self) {
+        self.begun.fetch_add(1, Ordering::Relaxed);
+        self.bar.inc(OF_AN_IMAGE);
     }
 
     /// All images are done with.
@@ -87,6 +97,26 @@ impl Reporter {
 
     fn print(&self, line: &str) -> Result<(), Failure> {
         self.bar.suspend(|| print_line(line))
+    }
+}
+
+/// An image's share of the bar.
+pub struct Share<'a> {
+    bar: &'a ProgressBar,
+    told: u64,
+}
+
+impl Share<'_> {
+    /// So much of the image is done, from 0 to 1.
+    pub fn tell(&mut self, done: f64) {
+        let done = ((done * OF_AN_IMAGE as f64) as u64).clamp(self.told, OF_AN_IMAGE);
+        self.bar.inc(done - std::mem::replace(&mut self.told, done));
+    }
+}
+
+impl Drop for Share<'_> {
+    fn drop(&mut self) {
+        self.bar.inc(OF_AN_IMAGE - self.told);
     }
 }
 

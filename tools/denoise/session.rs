@@ -3,14 +3,15 @@
 use crate::args::Args;
 use crate::jobs::{Job, Output};
 use crate::report::{Figures, Outcome};
-use crate::reporter::Reporter;
+use crate::reporter::{Reporter, Share};
 use crate::{Failure, interrupt, preview};
 use std::borrow::Cow;
 use std::io::{Cursor, Write};
+use std::ops::ControlFlow;
 use vkdenoise::exr_io::{ExrError, ExrFrame, ExrOutput, ExrSignal, LayerOptions};
 use vkdenoise::{
     ActiveTiles, Denoiser, Device, DeviceOptions, DeviceSelector, Error, Extent, Layout, Options, Plane, PlaneMut,
-    Precision, Report, Signal, Weights,
+    Precision, Progress, Report, Signal, Weights,
 };
 
 /// Why an image is not done.
@@ -21,6 +22,8 @@ pub enum Trouble {
     Usage(String),
     /// No image can be done.
     Everything(Failure),
+    /// It was told to stop.
+    Interrupted,
 }
 
 impl From<ExrError> for Trouble {
@@ -86,7 +89,7 @@ impl<'a> Session<'a> {
     }
 
     /// Denoises all views of an image, writes them, and says so.
-    pub fn denoise(&mut self, job: &Job) -> Result<(), Trouble> {
+    pub fn denoise(&mut self, job: &Job, share: &mut Share) -> Result<(), Trouble> {
         let views = ExrFrame::read_views(&job.input, &job.layers)?;
         let region = self.args.region;
         let mut references = Vec::new();
@@ -100,8 +103,12 @@ impl<'a> Session<'a> {
             return Err(Trouble::Usage(format!("--png: the views of {input} differ in size; choose one with --view")));
         }
         let mut done = Vec::with_capacity(views.len());
-        for (frame, reference) in views.iter().zip(references) {
-            done.push(self.denoise_view(job, frame, reference)?);
+        for (at, (frame, reference)) in views.iter().zip(references).enumerate() {
+            let mut progress = |done: f32| {
+                share.tell((at as f64 + f64::from(done)) / views.len() as f64);
+                if interrupt::stopped() { ControlFlow::Break(()) } else { ControlFlow::Continue(()) }
+            };
+            done.push(self.denoise_view(job, frame, reference, &mut progress)?);
         }
         self.write(job, &done)?;
         for view in &done {
@@ -115,6 +122,7 @@ impl<'a> Session<'a> {
         job: &Job,
         frame: &'v ExrFrame,
         reference: Option<ExrFrame>,
+        progress: &mut Progress,
     ) -> Result<Done<'v>, Trouble> {
         let extent = frame.extent();
         // Opened for the first image: by now the arguments and that image have proved good.
@@ -130,13 +138,15 @@ impl<'a> Session<'a> {
         let mut signals: Vec<Vec<f32>> = frame.signals().iter().map(|s| vec![0.0; s.samples().len()]).collect();
         let mut planes: Vec<Signal> =
             frame.signals().iter().zip(&mut signals).map(|(signal, out)| planes(extent, signal, out)).collect();
-        let report = engine.denoiser.denoise_with(&frame.frame(), target, &mut planes).map_err(|error| {
-            let message = format!("{}: {error}", job.input.display());
-            match error {
-                Error::DeviceLost => Trouble::Everything(Failure::Failed(message)),
-                _ => Trouble::Image(message),
-            }
-        })?;
+        let report =
+            engine.denoiser.denoise_with(&frame.frame(), target, &mut planes, Some(progress)).map_err(|error| {
+                let message = format!("{}: {error}", job.input.display());
+                match error {
+                    Error::Cancelled => Trouble::Interrupted,
+                    Error::DeviceLost => Trouble::Everything(Failure::Failed(message)),
+                    _ => Trouble::Image(message),
+                }
+            })?;
         frame.keep_empty(&mut color);
         for (signal, values) in frame.signals().iter().zip(&mut signals) {
             frame.keep_empty_signal(signal, values);

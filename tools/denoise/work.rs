@@ -4,7 +4,7 @@ use crate::args::Args;
 use crate::jobs::{Job, Plan};
 use crate::reporter::Reporter;
 use crate::session::{Session, Trouble};
-use crate::{Failure, devices};
+use crate::{Failure, devices, interrupt};
 use std::sync::atomic::{AtomicUsize, Ordering};
 use std::sync::{Mutex, PoisonError};
 use vkdenoise::Weights;
@@ -33,9 +33,11 @@ struct Run<'a> {
     failed: Mutex<Failed>,
 }
 
-/// What failed so far.
+/// What came of the images so far.
 #[derive(Default)]
 struct Failed {
+    /// Images that were written.
+    written: usize,
     /// Images that could not be done.
     images: usize,
     /// Of these, those that do not have what the command line asks for.
@@ -44,6 +46,8 @@ struct Failed {
     message: String,
     /// Why no image can be done.
     everything: Option<Failure>,
+    /// Whether images were left out as it was told to stop.
+    interrupted: bool,
 }
 
 impl Run<'_> {
@@ -53,15 +57,20 @@ impl Run<'_> {
         let selectors =
             if ready.len() > 1 { devices::wanted(self.args)? } else { devices::wanted(self.args)?[..1].to_vec() };
         let next = AtomicUsize::new(0);
-        let take = || ready.get(next.fetch_add(1, Ordering::Relaxed)).copied().filter(|_| self.goes_on());
+        let take = || {
+            let job = ready.get(next.fetch_add(1, Ordering::Relaxed)).copied()?;
+            if interrupt::stopped() {
+                self.note(job, Err(Trouble::Interrupted));
+            }
+            self.goes_on().then_some(job)
+        };
         std::thread::scope(|scope| {
             for selector in selectors {
                 let mut session = Session::new(self.args, self.weights, selector, self.reporter);
                 scope.spawn(move || {
                     while let Some(job) = take() {
-                        self.reporter.begin(job);
-                        self.note(job, session.denoise(job));
-                        self.reporter.end();
+                        let mut share = self.reporter.begin(job);
+                        self.note(job, session.denoise(job, &mut share));
                     }
                 });
             }
@@ -78,7 +87,7 @@ impl Run<'_> {
                 |path: &std::path::Path| std::fs::metadata(path).is_ok_and(|file| file.is_file() && file.len() > 0);
             if self.args.skip_existing && job.output.file().is_some_and(there) {
                 self.reporter.skipped(job)?;
-                self.reporter.end();
+                self.reporter.pass_over();
                 continue;
             }
             let mut files = job.output.file().into_iter().chain(job.png.as_deref());
@@ -86,7 +95,7 @@ impl Run<'_> {
                 Ok(()) => ready.push(job),
                 Err(error) => {
                     self.note(job, Err(error.into()));
-                    self.reporter.end();
+                    self.reporter.pass_over();
                 }
             }
         }
@@ -94,22 +103,31 @@ impl Run<'_> {
     }
 
     fn goes_on(&self) -> bool {
-        self.failed.lock().unwrap_or_else(PoisonError::into_inner).everything.is_none()
+        let failed = self.failed.lock().unwrap_or_else(PoisonError::into_inner);
+        failed.everything.is_none() && !failed.interrupted
     }
 
     fn note(&self, job: &Job, result: Result<(), Trouble>) {
+        let all = self.jobs.len();
+        let mut failed = self.failed.lock().unwrap_or_else(PoisonError::into_inner);
         let (message, usage) = match result {
-            Ok(()) => return,
+            Ok(()) => {
+                failed.written += 1;
+                return;
+            }
             Err(Trouble::Image(message)) => (message, false),
             Err(Trouble::Usage(message)) => (message, true),
             Err(Trouble::Everything(failure)) => {
-                self.failed.lock().unwrap_or_else(PoisonError::into_inner).everything.get_or_insert(failure);
+                failed.everything.get_or_insert(failure);
+                return;
+            }
+            Err(Trouble::Interrupted) => {
+                failed.interrupted = true;
                 return;
             }
         };
         // What is to be said of an only image is said at the end.
-        let told = self.reporter.failed(job, &message, self.jobs.len() > 1);
-        let mut failed = self.failed.lock().unwrap_or_else(PoisonError::into_inner);
+        let told = self.reporter.failed(job, &message, all > 1);
         failed.images += 1;
         failed.usage += usize::from(usage);
         failed.message = message;
@@ -123,7 +141,11 @@ impl Run<'_> {
         if let Some(failure) = failed.everything.take() {
             return Err(failure);
         }
-        let Failed { images, usage, .. } = *failed;
+        let Failed { images, usage, written, interrupted, .. } = *failed;
+        if interrupted {
+            let all = self.jobs.len();
+            return Err(Failure::Interrupted(format!("interrupted: {written} of {all} images are written")));
+        }
         let message = match self.jobs.len() {
             1 => std::mem::take(&mut failed.message),
             all => format!("{images} of {all} images failed"),
