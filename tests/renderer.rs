@@ -9,7 +9,7 @@ use common::vulkan::{Renderer, RendererBuffer};
 use half::f16;
 use vkdenoise::{
     BufferFrame, BufferPlane, Denoiser, Device, Error, Extent, Features, Frame, FrameOptions, ImageFormat, ImageFrame,
-    Layout, Options, Plane, PlaneMut, RendererDevice, SampleFormat, Weights,
+    Layout, Options, Plane, PlaneMut, SampleFormat, Weights,
 };
 
 const EXTENT: Extent = Extent::new(70, 45);
