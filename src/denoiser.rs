@@ -156,12 +156,12 @@ impl Denoiser {
         self.denoise_with(frame, output, &mut [])
     }
 
-    /// The same, with signals that go through the kernels of the frame's colour, any number of them: parts of its light whose sums then
-    /// hold, other layers, alpha ([`crate::signals`]).
+    /// The same, with signals that go through the kernels of the frame's colour, any number of them: parts of its
+    /// light whose sums then hold, other layers, alpha ([`crate::signals`]).
     ///
     /// # Errors
-    /// As [`Denoiser::denoise`]; [`Error::InvalidOption`] where the denoiser was made without [`Options::signals`], and for a signal
-    /// of a number of channels that its kind does not have. All outputs are untouched then.
+    /// As [`Denoiser::denoise`]; [`Error::InvalidOption`] where the denoiser was made without [`Options::signals`],
+    /// and for a signal of a number of channels that its kind does not have. All outputs are untouched then.
     pub fn denoise_with(&mut self, frame: &Frame, mut output: PlaneMut, signals: &mut [Signal]) -> Result<Report> {
         frame.check()?;
         output.check("output", frame.extent, 3)?;

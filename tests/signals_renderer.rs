@@ -1,4 +1,5 @@
-//! Signals in a renderer's command buffer: beside buffers and beside images, of floats and of halves, in their own place, and refusals.
+//! Signals in a renderer's command buffer: beside buffers and beside images, of floats and of halves, in their own
+//! place, and refusals.
 
 mod common;
 
@@ -8,8 +9,8 @@ use common::random::Random;
 use common::vulkan::{Renderer, RendererBuffer};
 use half::f16;
 use vkdenoise::{
-    BufferFrame, BufferPlane, BufferSignal, Denoiser, Device, Error, Extent, Features, Frame, FrameOptions, ImageFormat,
-    ImageFrame, Layout, Options, Plane, PlaneMut, SampleFormat, Signal, SignalKind, Weights,
+    BufferFrame, BufferPlane, BufferSignal, Denoiser, Device, Error, Extent, Features, Frame, FrameOptions,
+    ImageFormat, ImageFrame, Layout, Options, Plane, PlaneMut, SampleFormat, Signal, SignalKind, Weights,
 };
 
 const EXTENT: Extent = Extent::new(70, 45);

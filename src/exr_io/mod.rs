@@ -8,7 +8,8 @@
 //! channels of that part a second time; a note of the selection says which. With a region it writes a part of the
 //! pixels as a file of its own.
 //!
-//! [`LayerOptions::signals`] names layers that are denoised with the colour's kernels: light groups, other layers, alpha.
+//! [`LayerOptions::signals`] names layers that are denoised with the colour's kernels: light groups, other layers,
+//! alpha.
 //!
 //! `docs/files.md` has the names by renderer. They are compared without case, spaces and punctuation; best first:
 //!
@@ -52,8 +53,8 @@ pub use codec::MAX_PIXELS;
 pub use error::ExrError;
 pub use read::ExrFrame;
 pub use replace::{WriteCheck, replace_file};
-pub use signals::{AovLayer, ExrSignal, SignalLayers};
 pub use selection::{FeatureSource, LayerOptions, Selection, UsedLayer};
+pub use signals::{AovLayer, ExrSignal, SignalLayers};
 pub use write::ExrOutput;
 
 use std::fmt;

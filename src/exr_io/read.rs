@@ -32,7 +32,8 @@ pub struct ExrFrame {
     planes: [Option<Vec<f32>>; 5],
     /// What is denoised beside the colour.
     pub(super) signals: Vec<ExrSignal>,
-    /// The pixels whose colour and alpha are exactly 0, if there is any; where alpha is denoised, those in the midst of such.
+    /// The pixels whose colour and alpha are exactly 0, if there is any; where alpha is denoised, those in the midst
+    /// of such.
     pub(super) empty: Option<Vec<bool>>,
 }
 
@@ -60,7 +61,8 @@ impl ExrFrame {
         let picks = file.pictures(options)?;
         let frames = picks.into_iter().map(|pick| file.frame(pick, options));
         let mut frames: Vec<Self> = frames.collect::<Result<_, _>>()?;
-        let signals = |frame: &Self| frame.signals.iter().flat_map(|signal| signal.channels.clone()).collect::<Vec<_>>();
+        let signals =
+            |frame: &Self| frame.signals.iter().flat_map(|signal| signal.channels.clone()).collect::<Vec<_>>();
         let written: Vec<Place> =
             frames.iter().flat_map(|frame| [frame.target.channels.clone(), signals(frame)].concat()).collect();
         if let Some(first) = frames.first_mut() {
@@ -80,8 +82,9 @@ impl ExrFrame {
     }
 
     /// Makes a new colour (interleaved RGB) exactly 0 where the file's colour and alpha are exactly 0: outside the
-    /// border of a border render and around a cut-out, which have no noise. A file without alpha has no such pixels. Where alpha is
-    /// denoised too, only pixels count that have 5x5 such pixels around: a few samples leave holes in coverage.
+    /// border of a border render and around a cut-out, which have no noise. A file without alpha has no such pixels.
+    /// Where alpha is denoised too, only pixels count that have 5x5 such pixels around: a few samples leave holes in
+    /// coverage.
     pub fn keep_empty(&self, color: &mut [f32]) {
         let Some(empty) = &self.empty else { return };
         let pixels = color.chunks_exact_mut(3).zip(empty);
@@ -210,7 +213,8 @@ impl Opened {
             }
             features.push((role, feature, used));
         }
-        let signals = Signals { container, layers: &self.layers, picture: &pick, target: &target }.pick(&options.signals)?;
+        let signals =
+            Signals { container, layers: &self.layers, picture: &pick, target: &target }.pick(&options.signals)?;
         for signal in &signals {
             check_parts(container, &signal.channels)?;
         }
@@ -254,7 +258,10 @@ impl Opened {
         frame.selection.signals = frame.signals.iter().map(|signal| signal.layer().clone()).collect();
         let off = frame.off_color(&groups).filter(|off| !groups.is_empty() && *off > GROUPS_OFF);
         frame.selection.notes.extend(off.map(|off| {
-            format!("the light groups are {:.1} % off the colour: what is not in the groups is not in their sum either", 100.0 * off)
+            format!(
+                "the light groups are {:.1} % off the colour: what is not in the groups is not in their sum either",
+                100.0 * off
+            )
         }));
         for (role, source) in options.features() {
             if let FeatureSource::File(path) = source {

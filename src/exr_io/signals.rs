@@ -12,16 +12,34 @@ use super::select::Pick;
 use crate::signals::SignalKind;
 use std::str::FromStr;
 
-/// What comes before `_NAME` in the names of light groups: Cycles (Combined), Arnold (RGBA), Redshift (Beauty), Karma (C), V-Ray's
-/// light selects and what people name after them, in small letters.
+/// What comes before `_NAME` in the names of light groups: Cycles (Combined), Arnold (RGBA), Redshift (Beauty), Karma
+/// (C), V-Ray's light selects and what people name after them, in small letters.
 const GROUP_PREFIXES: [&str; 8] =
     ["combined", "rgba", "beauty", "c", "lightgroup", "lightselect", "vraylightselect", "light"];
 
-/// Layers of three colours that are no light, or light over the surface's colour, by their simplified names: positions, vectors, Cycles'
-/// passes. Features' names count too.
+/// Layers of three colours that are no light, or light over the surface's colour, by their simplified names:
+/// positions, vectors, Cycles' passes. Features' names count too.
 const NO_LIGHT: [&str; 20] = [
-    "position", "p", "pworld", "worldposition", "pointposition", "uv", "st", "vector", "motion", "motionvector", "velocity",
-    "diffdir", "diffind", "glossdir", "glossind", "glosscol", "transdir", "transind", "transcol", "ao",
+    "position",
+    "p",
+    "pworld",
+    "worldposition",
+    "pointposition",
+    "uv",
+    "st",
+    "vector",
+    "motion",
+    "motionvector",
+    "velocity",
+    "diffdir",
+    "diffind",
+    "glossdir",
+    "glossind",
+    "glosscol",
+    "transdir",
+    "transind",
+    "transcol",
+    "ao",
 ];
 
 /// Which layers beside the colour are denoised with it.
@@ -47,8 +65,8 @@ impl SignalLayers {
 pub struct AovLayer {
     /// The name.
     pub name: String,
-    /// What it is; `None`: a layer of red, green and blue is a part of the light, but for features, positions and what Cycles divides by
-    /// the surface's colour; any other is not.
+    /// What it is; `None`: a layer of red, green and blue is a part of the light, but for features, positions and
+    /// what Cycles divides by the surface's colour; any other is not.
     pub kind: Option<SignalKind>,
 }
 
@@ -109,7 +127,8 @@ impl ExrFrame {
         &self.signals
     }
 
-    /// Gives a denoised signal back what the file has where [`ExrFrame::keep_empty`] keeps the colour: it has no noise there.
+    /// Gives a denoised signal back what the file has where [`ExrFrame::keep_empty`] keeps the colour: it has no
+    /// noise there.
     pub fn keep_empty_signal(&self, signal: &ExrSignal, values: &mut [f32]) {
         let Some(empty) = &self.empty else { return };
         let channels = signal.channels();
@@ -163,8 +182,8 @@ impl Signals<'_> {
     /// Finds what is asked for.
     ///
     /// # Errors
-    /// [`ExrError::NoLayer`]; [`ExrError::Unsupported`] for what covers other pixels than the colour, is the colour, or would be
-    /// written twice.
+    /// [`ExrError::NoLayer`]; [`ExrError::Unsupported`] for what covers other pixels than the colour, is the colour,
+    /// or would be written twice.
     pub fn pick(&self, wanted: &SignalLayers) -> Result<Vec<Picked>, ExrError> {
         let mut found: Vec<Picked> = Vec::new();
         for aov in &wanted.aovs {
@@ -200,7 +219,8 @@ impl Signals<'_> {
         let mut written: Vec<Place> = self.target.channels.clone();
         for signal in signals {
             let name = || used_layer(self.container, &signal.channels, None).to_string();
-            let refuse = |what: &str| Err(ExrError::unsupported(&self.container.path, format!("layer {} {what}", name())));
+            let refuse =
+                |what: &str| Err(ExrError::unsupported(&self.container.path, format!("layer {} {what}", name())));
             if signal.channels.iter().any(|place| window(place) != of_color) {
                 return refuse("covers other pixels than the colour and cannot be denoised with it");
             }
@@ -256,9 +276,8 @@ impl Signals<'_> {
             let reason = format!("layer '{name}' has no red, green and blue, and so is no part of the light");
             return Err(ExrError::unsupported(&self.container.path, reason));
         }
-        let single = |(_, place): &(String, Place)| {
-            Picked { kind: SignalKind::Value, channels: vec![*place], group: false }
-        };
+        let single =
+            |(_, place): &(String, Place)| Picked { kind: SignalKind::Value, channels: vec![*place], group: false };
         Ok(layer.channels.iter().map(single).collect())
     }
 

@@ -53,7 +53,9 @@ impl<'a> ExrOutput<'a> {
     /// # Errors
     /// [`ExrError::Mixed`] where the picture is none of these; [`ExrError::ColorLength`].
     pub fn with_signals(mut self, frame: &'a ExrFrame, results: &[Vec<f32>]) -> Result<Self, ExrError> {
-        if !self.pictures.iter().any(|(picture, _)| std::ptr::eq(*picture, frame)) || results.len() != frame.signals.len() {
+        if !self.pictures.iter().any(|(picture, _)| std::ptr::eq(*picture, frame))
+            || results.len() != frame.signals.len()
+        {
             return Err(ExrError::Mixed);
         }
         for (signal, result) in frame.signals.iter().zip(results) {

@@ -372,14 +372,16 @@ contracts! {
         /// The same beside albedo of halves.
         INPUT_SIGNAL_FROM_F16 = "input_signal_from_f16" "input_signal.comp" InputSignalPush { "SRC_F16": "1" } &[], &[];
         /// The same beside colour in an image.
-        INPUT_SIGNAL_IMAGE = "input_signal_image" "input_signal.comp" InputSignalPush { "IMAGES": "1" } COLOR_IMAGE, &[];
+        INPUT_SIGNAL_IMAGE = "input_signal_image" "input_signal.comp" InputSignalPush
+            { "IMAGES": "1" } COLOR_IMAGE, &[];
         /// The same with albedo of halves.
         INPUT_SIGNAL_IMAGE_FROM_F16 = "input_signal_image_from_f16" "input_signal.comp" InputSignalPush
             { "IMAGES": "1", "SRC_F16": "1" } COLOR_IMAGE, &[];
         /// A filtered signal to 32-bit planes.
         OUTPUT_SIGNAL_F32 = "output_signal_f32" "output_signal.comp" OutputSignalPush {} &[], &[];
         /// A filtered signal to 16-bit planes.
-        OUTPUT_SIGNAL_F16 = "output_signal_f16" "output_signal.comp" OutputSignalPush { "TARGET_F16": "1" } &[], &[Need::Storage16];
+        OUTPUT_SIGNAL_F16 = "output_signal_f16" "output_signal.comp" OutputSignalPush
+            { "TARGET_F16": "1" } &[], &[Need::Storage16];
         /// Output to 32-bit planes.
         OUTPUT_F32 = "output_f32" "output.comp" OutputPush { "TARGET_F32": "1" } &[], &[];
         /// Output to 16-bit planes.

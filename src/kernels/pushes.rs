@@ -226,8 +226,8 @@ push_constants! {
 push_constants! {
     /// A signal beside the colour to what predicted kernels read.
     InputSignalPush {
-        color: Address, stats: Address, tile_stats: Address, signal: Address, taps: Address, albedo: Address, dst: Address,
-        tiles: Address,
+        color: Address, stats: Address, tile_stats: Address, signal: Address, taps: Address, albedo: Address,
+        dst: Address, tiles: Address,
         color_offset: U32, color_pixel: U32, color_row: U32, color_channel: U32,
         signal_pixel: U32, signal_row: U32, signal_channel: U32, width: U32, height: U32, dst_width: U32, strides: U32,
         first_tile: U32, tile_count: U32, flags: U32, blend: F32, unused: U32,

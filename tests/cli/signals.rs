@@ -58,9 +58,9 @@ fn light_groups_add_up_to_the_colour() {
     // By name, and in a region, with the same bits.
     let region = ["--region", "8,8,40,24"];
     let names = ["--aov", "Combined_Key", "Combined_Fill"];
-    let ran = run(arguments![input, "-o", part, "--quality", "high"].into_iter().chain(arguments![
-        region[0], region[1], names[0], names[1], names[2]
-    ]));
+    let ran = run(arguments![input, "-o", part, "--quality", "high"]
+        .into_iter()
+        .chain(arguments![region[0], region[1], names[0], names[1], names[2]]));
     succeeded(&ran);
     let cropped = channels(&part);
     for (name, whole) in &after {
@@ -104,7 +104,19 @@ fn other_layers_are_what_their_channels_say() {
     let names = "B G R direct.B direct.G direct.R P.X P.Y P.Z ao.V albedo.R albedo.G albedo.B A Z";
     let (input, out) = (d.exr("in.exr", names, 1.5), d.path("out.exr"));
     let ran = run(arguments![
-        input, "-o", out, "--quality", "high", "--aov", "direct", "P", "ao", "albedo", "Z", "--alpha", "denoise"
+        input,
+        "-o",
+        out,
+        "--quality",
+        "high",
+        "--aov",
+        "direct",
+        "P",
+        "ao",
+        "albedo",
+        "Z",
+        "--alpha",
+        "denoise"
     ]);
     succeeded(&ran);
     let (before, after) = (channels(&input), channels(&out));
@@ -129,9 +141,11 @@ fn signals_that_cannot_be_are_refused() {
     let input = d.exr("in.exr", "B G R direct.B direct.G direct.R u.V", 1.0);
     let out = d.path("out.exr");
     let refused = |arguments: &[&str], words: &[&str]| {
-        let ran = run_without_device(arguments![input, "-o", out, "--quality", "high"].into_iter().chain(
-            arguments.iter().map(|argument| std::ffi::OsStr::new(argument).to_os_string()),
-        ));
+        let ran = run_without_device(
+            arguments![input, "-o", out, "--quality", "high"]
+                .into_iter()
+                .chain(arguments.iter().map(|argument| std::ffi::OsStr::new(argument).to_os_string())),
+        );
         assert!(ran.code == Some(1) && words.iter().all(|word| ran.err.contains(word)), "{arguments:?}: {}", ran.err);
         assert_eq!(d.names(""), ["in.exr"]);
     };
