@@ -1,10 +1,10 @@
-// A signal beside the colour to what predicted kernels read of it, padded by reflection: the reliability times the image, and the
-// reliability; then what goes around the kernels.
+// A signal beside the colour to what predicted kernels read of it, padded by reflection: the reliability times the
+// image, and the reliability; then what goes around the kernels.
 //
-// A part of the light (FLAG_LIGHT) is exposed and divided by the albedo as the colour is, and what the colour counts for decides what
-// a part of it does, so that parts that add up to the colour still do: where the colour is mended, so is the part, from the same pixels;
-// where it is negative and so counts as 0, so does the part; where the network's range ends, the part is cut by the same factor. Any other
-// signal is taken as it is.
+// A part of the light (FLAG_LIGHT) is exposed and divided by the albedo as the colour is, and what the colour counts
+// for decides what a part of it does, so that parts that add up to the colour still do: where the colour is mended,
+// so is the part, from the same pixels; where it is negative and so counts as 0, so does the part; where the
+// network's range ends, the part is cut by the same factor. Any other signal is taken as it is.
 #version 460
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"
@@ -63,8 +63,8 @@ vec3 part_of(vec3 signal, vec3 color) {
     return mix(signal, vec3(0.0), bvec3(uvec3(lessThan(color, vec3(0.0))) & uvec3(are_finite(color))));
 }
 
-// By channel, the means of the signal and of the colour over the nearest ring of pixels that has good samples of both, the colour's
-// exposed; of a signal that is no light, of its own samples that are finite.
+// By channel, the means of the signal and of the colour over the nearest ring of pixels that has good samples of
+// both, the colour's exposed; of a signal that is no light, of its own samples that are finite.
 struct Means {
     vec3 signal;
     vec3 color;

@@ -1,6 +1,7 @@
-// A signal that went through the colour's kernels to the caller's plane, cropped to the frame: with what goes around the kernels, as
-// the colour; where the colour's result is cut at the frame's largest sample, a part of the light is by the same factor. Where a map says
-// what is quiet, quiet pixels are the caller's, but for a blend beside those that are not.
+// A signal that went through the colour's kernels to the caller's plane, cropped to the frame: with what goes around
+// the kernels, as the colour; where the colour's result is cut at the frame's largest sample, a part of the light is
+// by the same factor. Where a map says what is quiet, quiet pixels are the caller's, but for a blend beside those
+// that are not.
 #version 460
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"

@@ -11,8 +11,8 @@ use gpu_allocator::MemoryLocation;
 /// Bytes of a pixel of one signal's plane: room for three channels.
 const PIXEL_BYTES: u64 = 12;
 
-/// Planes of signals on their way in and out, with room for some number of them. Kernels read and write each sample once, so they do so
-/// where the host sees it, on every device.
+/// Planes of signals on their way in and out, with room for some number of them. Kernels read and write each sample
+/// once, so they do so where the host sees it, on every device.
 #[derive(Default)]
 pub(crate) struct SignalPlanes {
     /// Kind and channels of those that are there.

@@ -160,13 +160,13 @@ impl Pass {
         unsafe { self.bind_buffers_with(frame, &[]) }
     }
 
-    /// The same, with signals that go through the kernels of the frame's colour: each is recorded after the other, in the pass's own
-    /// memory, so that their number is free ([`crate::signals`]). Barriers as for the frame's planes.
+    /// The same, with signals that go through the kernels of the frame's colour: each is recorded after the other, in
+    /// the pass's own memory, so that their number is free ([`crate::signals`]). Barriers as for the frame's planes.
     ///
     /// # Errors
     /// As [`Pass::bind_buffers`]; [`Error::InvalidOption`] where the denoiser was made without
-    /// [`Options::signals`](crate::Options::signals), and for a signal of a number of channels that its kind does not have;
-    /// [`Error::Binding`] where a signal's output has samples of another type than the frame's.
+    /// [`Options::signals`](crate::Options::signals), and for a signal of a number of channels that its kind does not
+    /// have; [`Error::Binding`] where a signal's output has samples of another type than the frame's.
     ///
     /// # Safety
     /// As [`Pass::bind_buffers`], of the signals' buffers too.

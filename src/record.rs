@@ -24,8 +24,8 @@ pub(crate) struct Recording<'a> {
     pub sets: &'a DescriptorSets,
     /// Signals beside the colour: what is for them is recorded for each.
     pub signals: &'a [SignalArgs],
-    /// Where the time before and after every dispatch goes: two timestamps each, from the number on; of what is for signals those of
-    /// the first.
+    /// Where the time before and after every dispatch goes: two timestamps each, from the number on; of what is for
+    /// signals those of the first.
     pub timestamps: Option<(&'a Timestamps, u32)>,
 }
 
@@ -94,8 +94,8 @@ impl Recording<'_> {
         }
     }
 
-    /// The dispatches in the order in which they are recorded, each with its signal: what is for signals once for each of them, and once
-    /// where there is none.
+    /// The dispatches in the order in which they are recorded, each with its signal: what is for signals once for
+    /// each of them, and once where there is none.
     fn order(&self, dispatches: &[Dispatch]) -> impl Iterator<Item = (usize, usize)> + use<> {
         let all = dispatches.len();
         let first = dispatches.iter().position(|dispatch| dispatch.of_signals).unwrap_or(all);

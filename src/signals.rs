@@ -1,7 +1,8 @@
-//! Signals beside a frame's colour that go through the kernels which were predicted for it: parts of its light, other layers, alpha.
+//! Signals beside a frame's colour that go through the kernels which were predicted for it: parts of its light, other
+//! layers, alpha.
 //!
-//! The weights must predict kernels and nothing else ([`Weights::hybrid_kernels`](crate::Weights::hybrid_kernels)), and the
-//! denoiser be made with [`Options::signals`](crate::Options::signals). `docs/signals.md` has the rules.
+//! The weights must predict kernels and nothing else ([`Weights::hybrid_kernels`](crate::Weights::hybrid_kernels)),
+//! and the denoiser be made with [`Options::signals`](crate::Options::signals). `docs/signals.md` has the rules.
 
 use crate::error::{Error, Result};
 use crate::frame::{Extent, Plane, PlaneMut};
@@ -13,9 +14,10 @@ use crate::vk::device::Device;
 /// What a signal is to the colour.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum SignalKind {
-    /// A part of the light, three channels of linear radiance: a light group, direct or indirect light, a material's part. It is filtered
-    /// as the colour is, divided by the albedo and multiplied again, so that parts that add up to the colour do so afterwards: within 1e-5 of
-    /// the colour where all of them are finite. Negative samples count as they are, but where the colour is negative the part is 0 too.
+    /// A part of the light, three channels of linear radiance: a light group, direct or indirect light, a material's
+    /// part. It is filtered as the colour is, divided by the albedo and multiplied again, so that parts that add up
+    /// to the colour do so afterwards: within 1e-5 of the colour where all of them are finite. Negative samples count
+    /// as they are, but where the colour is negative the part is 0 too.
     Light,
     /// Anything else, one or three channels: averaged as it is.
     Value,

@@ -1,4 +1,5 @@
-//! Signals in a renderer's command buffer: beside buffers and beside images, of floats and of halves, in their own place, and refusals.
+//! Signals in a renderer's command buffer: beside buffers and beside images, of floats and of halves, in their own
+//! place, and refusals.
 
 mod common;
 

@@ -8,7 +8,8 @@
 //! channels of that part a second time; a note of the selection says which. With a region it writes a part of the
 //! pixels as a file of its own.
 //!
-//! [`LayerOptions::signals`] names layers that are denoised with the colour's kernels: light groups, other layers, alpha.
+//! [`LayerOptions::signals`] names layers that are denoised with the colour's kernels: light groups, other layers,
+//! alpha.
 //!
 //! `docs/files.md` has the names by renderer. They are compared without case, spaces and punctuation; best first:
 //!

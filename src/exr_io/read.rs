@@ -32,7 +32,8 @@ pub struct ExrFrame {
     planes: [Option<Vec<f32>>; 5],
     /// What is denoised beside the colour.
     pub(super) signals: Vec<ExrSignal>,
-    /// The pixels whose colour and alpha are exactly 0, if there is any; where alpha is denoised, those in the midst of such.
+    /// The pixels whose colour and alpha are exactly 0, if there is any; where alpha is denoised, those in the midst
+    /// of such.
     pub(super) empty: Option<Vec<bool>>,
 }
 
@@ -81,8 +82,9 @@ impl ExrFrame {
     }
 
     /// Makes a new colour (interleaved RGB) exactly 0 where the file's colour and alpha are exactly 0: outside the
-    /// border of a border render and around a cut-out, which have no noise. A file without alpha has no such pixels. Where alpha is
-    /// denoised too, only pixels count that have 5x5 such pixels around: a few samples leave holes in coverage.
+    /// border of a border render and around a cut-out, which have no noise. A file without alpha has no such pixels.
+    /// Where alpha is denoised too, only pixels count that have 5x5 such pixels around: a few samples leave holes in
+    /// coverage.
     pub fn keep_empty(&self, color: &mut [f32]) {
         let Some(empty) = &self.empty else { return };
         let pixels = color.chunks_exact_mut(3).zip(empty);

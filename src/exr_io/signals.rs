@@ -12,13 +12,13 @@ use super::select::Pick;
 use crate::signals::SignalKind;
 use std::str::FromStr;
 
-/// What comes before `_NAME` in the names of light groups: Cycles (Combined), Arnold (RGBA), Redshift (Beauty), Karma (C), V-Ray's
-/// light selects and what people name after them, in small letters.
+/// What comes before `_NAME` in the names of light groups: Cycles (Combined), Arnold (RGBA), Redshift (Beauty), Karma
+/// (C), V-Ray's light selects and what people name after them, in small letters.
 const GROUP_PREFIXES: [&str; 8] =
     ["combined", "rgba", "beauty", "c", "lightgroup", "lightselect", "vraylightselect", "light"];
 
-/// Layers of three colours that are no light, or light over the surface's colour, by their simplified names: positions, vectors, Cycles'
-/// passes. Features' names count too.
+/// Layers of three colours that are no light, or light over the surface's colour, by their simplified names:
+/// positions, vectors, Cycles' passes. Features' names count too.
 const NO_LIGHT: [&str; 20] = [
     "position",
     "p",
@@ -65,8 +65,8 @@ impl SignalLayers {
 pub struct AovLayer {
     /// The name.
     pub name: String,
-    /// What it is; `None`: a layer of red, green and blue is a part of the light, but for features, positions and what Cycles divides by
-    /// the surface's colour; any other is not.
+    /// What it is; `None`: a layer of red, green and blue is a part of the light, but for features, positions and
+    /// what Cycles divides by the surface's colour; any other is not.
     pub kind: Option<SignalKind>,
 }
 
@@ -127,7 +127,8 @@ impl ExrFrame {
         &self.signals
     }
 
-    /// Gives a denoised signal back what the file has where [`ExrFrame::keep_empty`] keeps the colour: it has no noise there.
+    /// Gives a denoised signal back what the file has where [`ExrFrame::keep_empty`] keeps the colour: it has no
+    /// noise there.
     pub fn keep_empty_signal(&self, signal: &ExrSignal, values: &mut [f32]) {
         let Some(empty) = &self.empty else { return };
         let channels = signal.channels();
@@ -181,8 +182,8 @@ impl Signals<'_> {
     /// Finds what is asked for.
     ///
     /// # Errors
-    /// [`ExrError::NoLayer`]; [`ExrError::Unsupported`] for what covers other pixels than the colour, is the colour, or would be
-    /// written twice.
+    /// [`ExrError::NoLayer`]; [`ExrError::Unsupported`] for what covers other pixels than the colour, is the colour,
+    /// or would be written twice.
     pub fn pick(&self, wanted: &SignalLayers) -> Result<Vec<Picked>, ExrError> {
         let mut found: Vec<Picked> = Vec::new();
         for aov in &wanted.aovs {

@@ -1,12 +1,13 @@
-//! Signals beside the colour, on their way to the kernels that were predicted for it and from there ([`crate::signals`]).
+//! Signals beside the colour, on their way to the kernels that were predicted for it and from there
+//! ([`crate::signals`]).
 
 use super::contracts;
 use super::frame_io::{color_flags, firefly_flags};
 use super::pushes::{InputSignalPush, OutputSignalPush};
 use super::stats::STATS_FLOATS;
 use super::{
-    Access, Addresses, BufferId, Grid, Kernel, KernelTarget, PlaneArgs, PushBytes, Scale, Storage, Tiles, Traffic, Variant,
-    View, by_storage, flags, groups,
+    Access, Addresses, BufferId, Grid, Kernel, KernelTarget, PlaneArgs, PushBytes, Scale, Storage, Tiles, Traffic,
+    Variant, View, by_storage, flags, groups,
 };
 use crate::frame::Region;
 use crate::signals::SignalKind;
@@ -46,12 +47,13 @@ fn signal(at: &Addresses) -> SignalArgs {
     at.frame.signal.unwrap_or(SignalArgs { kind: SignalKind::Value, channels: 1, plane: none, output: none })
 }
 
-/// A signal to what predicted kernels read: the reliability times the image, and the reliability. Then what goes around the kernels. One
-/// group per tile.
+/// A signal to what predicted kernels read: the reliability times the image, and the reliability. Then what goes
+/// around the kernels. One group per tile.
 ///
-/// The image of a part of the light is as the colour's: exposed, by the albedo, at most as much of it as the network is given of the
-/// colour; where the colour is mended ([`super::frame_io::InputColor`]) the mean of the same pixels. Another signal's is the signal.
-/// A sample that is not finite is the mean of those of the nearest of four rings of pixels that are, else 0.
+/// The image of a part of the light is as the colour's: exposed, by the albedo, at most as much of it as the network
+/// is given of the colour; where the colour is mended ([`super::frame_io::InputColor`]) the mean of the same pixels.
+/// Another signal's is the signal. A sample that is not finite is the mean of those of the nearest of four rings of
+/// pixels that are, else 0.
 #[derive(Clone, Debug, PartialEq)]
 pub struct InputSignal {
     /// The statistics.
@@ -62,8 +64,8 @@ pub struct InputSignal {
     pub taps: View,
     /// Albedo in the first three channels.
     pub albedo: View,
-    /// Eight channels of padded size, 32-bit floats: as `taps`; then what is added to the result, exposed where it is light, and a bit for
-    /// each channel of which it is all.
+    /// Eight channels of padded size, 32-bit floats: as `taps`; then what is added to the result, exposed where it is
+    /// light, and a bit for each channel of which it is all.
     pub dst: View,
     /// Size of the frame in pixels.
     pub width: u32,
@@ -151,9 +153,9 @@ impl Kernel for InputSignal {
     }
 }
 
-/// A signal that went through the colour's kernels to the caller's plane, cropped to the frame: mixed with the noisy one by `blend`, with
-/// what goes around the kernels. Where the colour's result is cut at the frame's largest sample, a part of the light is by the same
-/// factor.
+/// A signal that went through the colour's kernels to the caller's plane, cropped to the frame: mixed with the noisy
+/// one by `blend`, with what goes around the kernels. Where the colour's result is cut at the frame's largest sample,
+/// a part of the light is by the same factor.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OutputSignal {
     /// The filtered signal, four channels, exposed where it is light; 32-bit floats.

@@ -103,8 +103,8 @@ pub struct Options {
     /// What is left out as it needs no denoising; `None`: nothing. A frame in tiles is denoised everywhere.
     pub quiet: Option<Quiet>,
     /// Whether frames may come with signals that go through the kernels of their colour ([`crate::signals`],
-    /// [`crate::Denoiser::denoise_with`], [`crate::Pass::bind_buffers_with`]). For weights that predict kernels and nothing else
-    /// ([`crate::Weights::hybrid_kernels`]); it may cost device memory.
+    /// [`crate::Denoiser::denoise_with`], [`crate::Pass::bind_buffers_with`]). For weights that predict kernels and
+    /// nothing else ([`crate::Weights::hybrid_kernels`]); it may cost device memory.
     pub signals: bool,
 }
 

@@ -1,5 +1,5 @@
-//! What signals beside the colour take of a plan: the kernels' application once more, over a signal in the place of the colour. It is
-//! recorded for one signal after the other, so that all of them share its memory.
+//! What signals beside the colour take of a plan: the kernels' application once more, over a signal in the place of
+//! the colour. It is recorded for one signal after the other, so that all of them share its memory.
 
 use super::lower::Lowering;
 use crate::frame::Region;
@@ -9,8 +9,8 @@ use crate::net::graph::Stage;
 use std::collections::HashMap;
 
 impl Lowering<'_> {
-    /// Adds the dispatches of a signal, where they are asked for and there are predicted kernels. They come before the colour's output: that
-    /// may go where the colour came from.
+    /// Adds the dispatches of a signal, where they are asked for and there are predicted kernels. They come before
+    /// the colour's output: that may go where the colour came from.
     pub(super) fn signals(&mut self) {
         if !self.options.signals {
             return;

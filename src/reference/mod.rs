@@ -115,7 +115,8 @@ impl<'a> Reference<'a> {
         Ok(())
     }
 
-    /// The signal that goes through the colour's kernels, of one channel or three; else there is none, and what is for signals does not run.
+    /// The signal that goes through the colour's kernels, of one channel or three; else there is none, and what is
+    /// for signals does not run.
     ///
     /// # Errors
     /// [`Error::PlaneMismatch`].

@@ -93,7 +93,10 @@ pub fn input_signal(reference: &mut Reference, call: &InputSignal) {
             _ => [0, 1, 2].map(|c| {
                 let sample = |x, y| Some(signal.samples(y * width + x)[c]).filter(|s| s.is_finite()).map(f64::from);
                 let own = sample(x, y).map(|own| [own, 0.0]);
-                (own.or_else(|| mending.ring(x, y, |x, y| sample(x, y).map(|s| [s, 0.0]))).unwrap_or_default()[0], Some(0.0))
+                (
+                    own.or_else(|| mending.ring(x, y, |x, y| sample(x, y).map(|s| [s, 0.0]))).unwrap_or_default()[0],
+                    Some(0.0),
+                )
             }),
         };
         let infinite = || mending.infinite(x, y).0 * exposure;
