@@ -114,3 +114,8 @@ pub use vk::caps::{DeviceInfo, DeviceKind, Requirements};
 pub use vk::device::{Device, DeviceOptions, RendererDevice};
 pub use vk::raw::{EnabledFeatures, RawDevice};
 pub use vk::selector::DeviceSelector;
+
+/// The README's snippets, compiled.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;
