@@ -21,6 +21,7 @@ const EXTENT: Extent = Extent::new(150, 100);
 
 const KEEPING: Options = Options {
     quiet: None,
+    signals: false,
     precision: vkdenoise::Precision::Auto,
     exposure: vkdenoise::Exposure::Auto,
     blend: 0.0,
