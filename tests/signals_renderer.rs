@@ -31,8 +31,11 @@ fn samples(seed: u64, count: usize) -> Vec<f32> {
     Random::new(seed).values(count, 0.0, 2.0).into_iter().map(|value| f16::from_f32(value).to_f32()).collect()
 }
 
+/// Kind, channels and samples of a signal.
+type Given = (SignalKind, u32, Vec<f32>);
+
 /// A colour, and the signals: a part of the light, a value, coverage.
-fn scene() -> (Vec<f32>, [(SignalKind, u32, Vec<f32>); 3]) {
+fn scene() -> (Vec<f32>, [Given; 3]) {
     let coverage = samples(3, PIXELS).into_iter().map(|value| value / 2.0).collect();
     let signals = [
         (SignalKind::Light, 3, samples(2, 3 * PIXELS)),

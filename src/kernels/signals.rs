@@ -32,7 +32,7 @@ impl SignalArgs {
         let first = self.plane.address + u64::from(self.plane.offset) * bytes;
         let flags = [
             (self.plane.half, flags::SIGNAL_HALF),
-            (first % 4 != 0, flags::SIGNAL_ODD),
+            (!first.is_multiple_of(4), flags::SIGNAL_ODD),
             (self.channels == 1, flags::SIGNAL_ONE),
             (self.kind == SignalKind::Light, flags::LIGHT),
             (self.kind == SignalKind::Alpha, flags::ALPHA),
@@ -125,7 +125,7 @@ impl Kernel for InputSignal {
             width: self.width,
             height: self.height,
             dst_width: self.dst.width,
-            strides: self.taps.stride / 4 | (self.albedo.stride / 4) << 8,
+            strides: (self.taps.stride / 4) | ((self.albedo.stride / 4) << 8),
             first_tile: self.tiles.first(),
             tile_count: self.tiles.count(self.dst.width, self.dst.height),
             flags: color_flags(color) & flags::COLOR_HALF

@@ -135,6 +135,19 @@ fn other_layers_are_what_their_channels_say() {
     assert_eq!(channels(&out)["P.X"], before["P.X"]);
 }
 
+/// Other prefixes than Blender's; what is in no group is said, and what is denoised or a feature by its name is no group.
+#[test]
+fn light_groups_that_are_not_all_are_noted() {
+    let d = Directory::new();
+    let groups = "RGBA_key.B RGBA_key.G RGBA_key.R RGBA_denoised.B RGBA_denoised.G RGBA_denoised.R";
+    let names = format!("B G R {groups} rgba_albedo.B rgba_albedo.G rgba_albedo.R");
+    let (input, out) = (d.exr("in.exr", &names, 1.0), d.path("out.exr"));
+    let ran = run(arguments![input, "-o", out, "--quality", "high", "--light-groups", "auto"]);
+    succeeded(&ran);
+    assert!(ran.err.contains("; with it RGBA_key.R/G/B\n"), "{}", ran.err);
+    assert!(ran.err.contains("% off the colour"), "{}", ran.err);
+}
+
 #[test]
 fn signals_that_cannot_be_are_refused() {
     let d = Directory::new();
