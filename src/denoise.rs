@@ -16,27 +16,29 @@ impl Denoiser {
     /// Denoises a frame in host memory and waits for the result. What a size needs is kept for the next call.
     ///
     /// # Errors
-    /// [`Error::EmptyFrame`], [`Error::PlaneMismatch`], [`Error::InvalidOption`] for a region that leaves the frame and for
-    /// unchanged features of which nothing is kept, [`Error::FrameTooLarge`], [`Error::OutOfMemory`], [`Error::DeviceLost`],
-    /// [`Error::Vulkan`]; [`Error::Binding`] on a renderer's device, which has no queue of ours. The output is untouched then;
-    /// but where the frame is cut into tiles ([`crate::Options::memory_budget`]), those that were done are written.
+    /// [`Error::EmptyFrame`], [`Error::PlaneMismatch`], [`Error::InvalidOption`] for a region that leaves the frame and
+    /// for unchanged features of which nothing is kept, [`Error::FrameTooLarge`], [`Error::OutOfMemory`],
+    /// [`Error::DeviceLost`], [`Error::Vulkan`]; [`Error::Binding`] on a renderer's device, which has no queue of ours.
+    /// The output is untouched then; but where the frame is cut into tiles ([`crate::Options::memory_budget`]), those
+    /// that were done are written.
     pub fn denoise(&mut self, frame: &Frame, output: PlaneMut) -> Result<Report> {
         self.denoise_with(frame, output, &mut [], None)
     }
 
-    /// The same, with signals that go through the kernels of the frame's colour, any number of them (parts of its light, whose
-    /// sums then hold, other layers, alpha: [`Signal`]), and in the view of the caller.
+    /// The same, with signals that go through the kernels of the frame's colour, any number of them (parts of its
+    /// light, whose sums then hold, other layers, alpha: [`Signal`]), and in the view of the caller.
     ///
-    /// With `progress` the work goes to the device in submissions of about 50 ms (on a CPU driver one kernel of one band each)
-    /// that are cut by what each is predicted to take, and it is called between them. Where it answers
-    /// [`ControlFlow::Break`](std::ops::ControlFlow::Break), nothing more is submitted and the call ends. The result has the same bits as
-    /// without.
+    /// With `progress` the work goes to the device in submissions of about 50 ms (on a CPU driver one kernel of one
+    /// band each) that are cut by what each is predicted to take, and it is called between them. Where it answers
+    /// [`ControlFlow::Break`](std::ops::ControlFlow::Break), nothing more is submitted and the call ends. The result
+    /// has the same bits as without.
     ///
     /// # Errors
     /// As [`Denoiser::denoise`]; [`Error::InvalidOption`] where the denoiser was made without
-    /// [`Options::signals`](crate::Options::signals), for a signal of a number of channels that its kind does not have, and for
-    /// signals of a frame that would be cut into tiles; [`Error::Cancelled`]. All outputs are then as after another error. Where
-    /// features are kept ([`Denoiser::set_features_unchanged`]), the next frame after a cancelled one has to give them again.
+    /// [`Options::signals`](crate::Options::signals), for a signal of a number of channels that its kind does not have,
+    /// and for signals of a frame that would be cut into tiles; [`Error::Cancelled`]. All outputs are then as after
+    /// another error. Where features are kept ([`Denoiser::set_features_unchanged`]), the next frame after a cancelled
+    /// one has to give them again.
     pub fn denoise_with(
         &mut self,
         frame: &Frame,

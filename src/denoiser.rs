@@ -86,17 +86,17 @@ impl Denoiser {
         self.options.fireflies = fireflies;
     }
 
-    /// The pixels that the host path computes and writes from now on; `None`, as at first: all. They get the bits that the
-    /// whole frame would give them; every other pixel of the output keeps what it holds. A region outside the frame is an
-    /// error of the next call.
+    /// The pixels that the host path computes and writes from now on; `None`, as at first: all. They get the bits that
+    /// the whole frame would give them; every other pixel of the output keeps what it holds. A region outside the frame
+    /// is an error of the next call.
     pub fn set_region(&mut self, region: Option<Region>) {
         self.options.region = region;
     }
 
-    /// Whether the host path's next calls take albedo, normal and depth to be those of the last call without this; off at
-    /// first. It then looks at no feature that it is given, and does not compute again what depends on them alone. The
-    /// result has the same bits. For denoisers made with [`Options::keep_features`]; without them, and where no frame of
-    /// the size was denoised before, the next call is an error.
+    /// Whether the host path's next calls take albedo, normal and depth to be those of the last call without this; off
+    /// at first. It then looks at no feature that it is given, and does not compute again what depends on them alone.
+    /// The result has the same bits. For denoisers made with [`Options::keep_features`]; without them, and where no
+    /// frame of the size was denoised before, the next call is an error.
     pub fn set_features_unchanged(&mut self, unchanged: bool) {
         self.options.features_unchanged = unchanged;
     }
@@ -124,8 +124,8 @@ impl Denoiser {
         self.host.as_ref().and_then(HostPass::active)
     }
 
-    /// What the driver's compiler says of the kernels made so far: registers, spills, shared memory. Empty unless the device
-    /// was opened with [`crate::DeviceOptions::pipeline_statistics`] and has them.
+    /// What the driver's compiler says of the kernels made so far: registers, spills, shared memory. Empty unless the
+    /// device was opened with [`crate::DeviceOptions::pipeline_statistics`] and has them.
     ///
     /// # Errors
     /// [`Error::Vulkan`].
@@ -143,8 +143,8 @@ impl Denoiser {
         &self.engine.device
     }
 
-    /// The device memory that a frame size takes, from its plan: nothing is allocated. Where there is less, the host path takes
-    /// less (`docs/tiles.md`).
+    /// The device memory that a frame size takes, from its plan: nothing is allocated. Where there is less, the host
+    /// path takes less (`docs/tiles.md`).
     ///
     /// # Errors
     /// [`Error::EmptyFrame`], [`Error::FrameTooLarge`].

@@ -14,8 +14,8 @@ use crate::vk::device::Device;
 use crate::vk::memory::Buffer;
 use gpu_allocator::MemoryLocation;
 
-/// Where memory is short, a map between consecutive kernels may take such a part of it, and no less than that: bands beyond it
-/// compute more twice than they save.
+/// Where memory is short, a map between consecutive kernels may take such a part of it, and no less than that: bands
+/// beyond it compute more twice than they save.
 const BANDS_A_BUDGET: u64 = 64;
 const LEAST_CHAIN_BYTES: u64 = 4 << 20;
 

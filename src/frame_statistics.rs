@@ -1,5 +1,5 @@
-//! Statistics of a frame whose planes are not on the device in whole: the kernels of the pass ([`crate::kernels::stats`]) over
-//! strips of its rows, with the same bits.
+//! Statistics of a frame whose planes are not on the device in whole: the kernels of the pass
+//! ([`crate::kernels::stats`]) over strips of its rows, with the same bits.
 
 use crate::descriptors::{DescriptorSets, Resources};
 use crate::engine::Engine;
@@ -67,8 +67,8 @@ fn of_rows(width: u32, height: u32) -> TileStats {
 }
 
 impl FrameStatistics {
-    /// Finds them; `exposure`: the factor on the colour, else the frame's own. After every strip, `tell` hears which share is
-    /// done; its error ends it there.
+    /// Finds them; `exposure`: the factor on the colour, else the frame's own. After every strip, `tell` hears which
+    /// share is done; its error ends it there.
     pub fn of(
         engine: &Engine,
         frame: &Frame,

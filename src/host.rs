@@ -148,8 +148,8 @@ impl HostPass {
         &self.records
     }
 
-    /// Stages the features, runs the pass, with times of its kernels if `profile`, and waits: in one submission, or where
-    /// `progress` watches in several.
+    /// Stages the features, runs the pass, with times of its kernels if `profile`, and waits: in one submission, or
+    /// where `progress` watches in several.
     pub fn run(
         &mut self,
         features: &Features,
@@ -201,8 +201,8 @@ impl HostPass {
         })
     }
 
-    /// Stages a frame and runs commands over it: where `tell` listens in several submissions. Returns the device's milliseconds
-    /// where it has timestamps.
+    /// Stages a frame and runs commands over it: where `tell` listens in several submissions. Returns the device's
+    /// milliseconds where it has timestamps.
     pub fn run_commands(
         &mut self,
         frame: &Frame,
@@ -222,8 +222,8 @@ impl HostPass {
         self.submission.run()
     }
 
-    /// Runs commands in several submissions, and between them tells the share of them that is done; an error of `tell` ends
-    /// it there. The binding is kept. Returns the device's milliseconds where it has timestamps.
+    /// Runs commands in several submissions, and between them tells the share of them that is done; an error of `tell`
+    /// ends it there. The binding is kept. Returns the device's milliseconds where it has timestamps.
     fn run_pieces(
         &mut self,
         (planes, bound): (Planes, Binding),
@@ -384,8 +384,8 @@ impl HostPass {
         let host = (vk::PipelineStageFlags::HOST, vk::AccessFlags::HOST_READ);
         let copied = (vk::PipelineStageFlags::TRANSFER, vk::AccessFlags::TRANSFER_WRITE);
         let read = (vk::PipelineStageFlags::COMPUTE_SHADER, vk::AccessFlags::SHADER_READ);
-        // SAFETY, of all three: the command buffer is recording and ours; everything bound and copied lives in `self` or, for
-        // uploads, with the caller, and `Submission::run` waits.
+        // SAFETY, of all three: the command buffer is recording and ours; everything bound and copied lives in `self`
+        // or, for uploads, with the caller, and `Submission::run` waits.
         submission.record_between(
             |recording| unsafe {
                 if !first {

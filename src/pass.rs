@@ -339,8 +339,8 @@ impl Pass {
         unsafe { self.record_part(commands, binding, options, &dispatches, all, profiled) }
     }
 
-    /// Records a part of what [`Pass::dispatches`] gave for the same binding, or of other dispatches of the pass's plan, one for
-    /// each of the binding's. The parts run in order, the first one begins with the first dispatch.
+    /// Records a part of what [`Pass::dispatches`] gave for the same binding, or of other dispatches of the pass's plan,
+    /// one for each of the binding's. The parts run in order, the first one begins with the first dispatch.
     ///
     /// # Safety
     /// As [`Pass::record_profiled`]; the binding is this pass's.

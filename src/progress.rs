@@ -7,9 +7,9 @@ use crate::plan::Dispatch;
 use crate::vk::caps::DeviceKind;
 use std::ops::ControlFlow;
 
-/// What [`crate::Denoiser::denoise_with`] calls on the caller's own thread, with the share of the work that is done: 0 before
-/// the first submission, then once after each, growing, 1 after the last. [`ControlFlow::Break`] ends the call with
-/// [`Error::Cancelled`].
+/// What [`crate::Denoiser::denoise_with`] calls on the caller's own thread, with the share of the work that is done: 0
+/// before the first submission, then once after each, growing, 1 after the last. [`ControlFlow::Break`] ends the call
+/// with [`Error::Cancelled`].
 pub type Progress<'a> = dyn FnMut(f32) -> ControlFlow<()> + 'a;
 
 /// Says how much is done.
@@ -23,18 +23,18 @@ pub(crate) fn tell(progress: &mut Progress, done: f64) -> Result<()> {
     }
 }
 
-/// What a submission is to take, in milliseconds: half of the longest that an answer may take, as kernels differ in how well
-/// their work predicts their time.
+/// What a submission is to take, in milliseconds: half of the longest that an answer may take, as kernels differ in how
+/// well their work predicts their time.
 const TARGET_MS: f64 = 50.0;
 /// Work in a millisecond before anything was measured: that of a small integrated GPU.
 const FIRST_RATE: f64 = 1e8;
-/// FLOPs in whose time a byte of memory traffic goes, and those of a pixel of the caller's planes, whose traffic no plan
-/// counts.
+/// FLOPs in whose time a byte of memory traffic goes, and those of a pixel of the caller's planes, whose traffic no
+/// plan counts.
 const FLOPS_A_BYTE: f64 = 16.0;
 const FLOPS_A_PIXEL: f64 = 512.0;
 
-/// Predicted work of each dispatch of a pass over a frame of `extent` with so many signals: at least 1, and 0 for those that are
-/// left out. What runs for one signal after the other is one piece of work: that of its first dispatch.
+/// Predicted work of each dispatch of a pass over a frame of `extent` with so many signals: at least 1, and 0 for those
+/// that are left out. What runs for one signal after the other is one piece of work: that of its first dispatch.
 pub(crate) fn works(dispatches: &[Dispatch], extent: Extent, signals: usize) -> Vec<f64> {
     let work = |dispatch: &Dispatch| {
         if dispatch.skipped {
@@ -86,7 +86,8 @@ impl Pieces {
         Self { single: kind == DeviceKind::Cpu, rate: FIRST_RATE }
     }
 
-    /// Where the piece ends that begins with dispatch `from`: it has one at least, and those that are left out add nothing.
+    /// Where the piece ends that begins with dispatch `from`: it has one at least, and those that are left out add
+    /// nothing.
     pub fn end(&self, works: &[f64], from: usize) -> usize {
         let most = self.rate * TARGET_MS;
         let mut sum = 0.0;
@@ -99,8 +100,8 @@ impl Pieces {
         works.len()
     }
 
-    /// A piece of so much work took so long: those to come are cut by that. The next may be of slower kernels, so that a fast
-    /// one does not make them much longer.
+    /// A piece of so much work took so long: those to come are cut by that. The next may be of slower kernels, so that
+    /// a fast one does not make them much longer.
     pub fn took(&mut self, work: f64, milliseconds: f64) {
         if work > 0.0 && milliseconds > 0.0 {
             self.rate = (work / milliseconds).min(2.0 * self.rate);

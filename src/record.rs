@@ -30,9 +30,9 @@ pub(crate) struct Recording<'a> {
 }
 
 impl Recording<'_> {
-    /// Records those of the pass's dispatches that `part` names. It begins with a barrier that makes them wait for every
-    /// compute shader before, so that a pass may be recorded again while its last run is in flight on the same queue, and
-    /// its parts one after another. Timestamps are reset by the first part.
+    /// Records those of the pass's dispatches that `part` names. It begins with a barrier that makes them wait for
+    /// every compute shader before, so that a pass may be recorded again while its last run is in flight on the same
+    /// queue, and its parts one after another. Timestamps are reset by the first part.
     ///
     /// # Safety
     /// `commands` is recording, belongs to the device and to a family with compute, outside a render pass; everything

@@ -24,8 +24,8 @@ pub struct Target {
     /// Gives what depends on albedo, normal and depth alone, and is read by the rest, a place of its own: it can be used for
     /// the next frame.
     pub keep_features: bool,
-    /// Whether it is a tile of a larger frame, which gives what is of the whole ([`crate::plan::tile`]): the places of that are
-    /// kept for it. Not with `quiet` and `keep_features`.
+    /// Whether it is a tile of a larger frame, which gives what is of the whole ([`crate::plan::tile`]): the places of
+    /// that are kept for it. Not with `quiet` and `keep_features`.
     pub of_tile: bool,
     /// How quiet tiles are left out; `None`: none are.
     pub quiet: Option<QuietMode>,

@@ -186,8 +186,9 @@ pub fn denoiser_with_kernels(device: &Device, weights: &Weights, options: &Optio
     Denoiser::for_target(device, weights, options, target)
 }
 
-/// Has the host path cut frames of a size into tiles of this size and these margins, multiples of the network's padding, whether
-/// they fit or not. A tile is a margin on two sides and some padding between, at least, or as long as the frame.
+/// Has the host path cut frames of a size into tiles of this size and these margins, multiples of the network's
+/// padding, whether they fit or not. A tile is a margin on two sides and some padding between, at least, or as long as
+/// the frame.
 ///
 /// # Errors
 /// Those of planning.

@@ -1,5 +1,5 @@
-//! The host path of frames that are too large for the device: statistics over strips, the sums of FiLM means over tiles, then
-//! the tiles themselves, one at a time.
+//! The host path of frames that are too large for the device: statistics over strips, the sums of FiLM means over
+//! tiles, then the tiles themselves, one at a time.
 
 use crate::engine::Engine;
 use crate::error::{Error, Result};

@@ -76,8 +76,8 @@ impl Tiling {
         Self { frame, tile, margin, exact: margin >= exact, grain }
     }
 
-    /// The tiling of least work whose tiles `fits` says yes to; `None` where not even the smallest fits. `exact`: the margin that
-    /// leaves no seam; `grain`: what windows are aligned to.
+    /// The tiling of least work whose tiles `fits` says yes to; `None` where not even the smallest fits. `exact`: the
+    /// margin that leaves no seam; `grain`: what windows are aligned to.
     pub fn choose(frame: Extent, exact: u32, grain: u32, fits: &dyn Fn(Extent) -> bool) -> Option<Self> {
         let [width, height] = [frame.width, frame.height].map(|side| side.next_multiple_of(grain));
         let pixels = most_pixels(width.max(height), grain, fits)?;
@@ -108,7 +108,8 @@ impl Tiling {
         Some(tiling)
     }
 
-    /// Pixels of all tiles; `None` where a tile has nothing but margins, or would cut windows elsewhere than the frame does.
+    /// Pixels of all tiles; `None` where a tile has nothing but margins, or would cut windows elsewhere than the frame
+    /// does.
     pub fn work(&self) -> Option<f64> {
         let of = |size: u32, tile: u32| {
             let whole = tile >= size.next_multiple_of(self.grain);

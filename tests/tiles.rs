@@ -29,7 +29,8 @@ fn in_tiles(options: Options) -> Denoiser {
     denoiser
 }
 
-/// Denoisers with default options that the tests share, as a CPU driver compiles for each: one for whole frames, one that cuts.
+/// Denoisers with default options that the tests share, as a CPU driver compiles for each: one for whole frames, one
+/// that cuts.
 fn shared(cuts: bool) -> MutexGuard<'static, Denoiser> {
     static WHOLE: LazyLock<Mutex<Denoiser>> = LazyLock::new(|| Mutex::new(denoiser(Options::default())));
     static CUTS: LazyLock<Mutex<Denoiser>> = LazyLock::new(|| Mutex::new(denoiser(Options::default())));
@@ -72,8 +73,8 @@ fn strips() -> MutexGuard<'static, Denoiser> {
     cuts
 }
 
-/// With what tells statistics of the whole frame from a tile's: a hole of NaN larger than any ring around a pixel, a lone pixel
-/// of absurd light, one that is a firefly, and one far depth in a thousand.
+/// With what tells statistics of the whole frame from a tile's: a hole of NaN larger than any ring around a pixel, a
+/// lone pixel of absurd light, one that is a firefly, and one far depth in a thousand.
 fn harsh(mut frame: TestFrame) -> TestFrame {
     let (width, height) = (frame.extent.width as usize, frame.extent.height as usize);
     let Samples::F32(color) = &mut frame.color.samples else { unreachable!() };
@@ -284,8 +285,8 @@ fn a_budget_without_room_for_a_tile_is_refused() {
     assert!(output.iter().all(|&value| value == UNTOUCHED));
 }
 
-/// The largest and the mean difference from the whole frame by the width of the margins, over a mosaic of a render, mirrored:
-/// `VKDENOISE_SEAM` names the file, `VKDENOISE_SEAM_SIZE` the mosaic's size in copies.
+/// The largest and the mean difference from the whole frame by the width of the margins, over a mosaic of a render,
+/// mirrored: `VKDENOISE_SEAM` names the file, `VKDENOISE_SEAM_SIZE` the mosaic's size in copies.
 #[test]
 #[ignore = "a measurement, not a test"]
 fn seams_by_margin() {

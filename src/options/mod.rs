@@ -1,4 +1,5 @@
-//! What a caller chooses: for a denoiser ([`Options`]) and for each frame ([`FrameOptions`]); and what comes back ([`Report`]).
+//! What a caller chooses: for a denoiser ([`Options`]) and for each frame ([`FrameOptions`]); and what comes back
+//! ([`Report`]).
 
 mod quiet;
 
@@ -23,8 +24,8 @@ pub enum Precision {
     F32,
     /// Feature maps stored as halves, for half of the memory; arithmetic, log colour and residual are 32-bit floats.
     F16,
-    /// Feature maps stored as halves, and what is dense on cooperative matrices ([`Device::has_matrices`]): products of halves,
-    /// summed in 32-bit floats, as are all other operations. What GPUs with matrices take by themselves.
+    /// Feature maps stored as halves, and what is dense on cooperative matrices ([`Device::has_matrices`]): products of
+    /// halves, summed in 32-bit floats, as are all other operations. What GPUs with matrices take by themselves.
     Matrix,
 }
 
@@ -63,8 +64,8 @@ pub enum Exposure {
     /// From the frame itself: 0.18 over its key ([`crate::kernels::stats`]).
     #[default]
     Auto,
-    /// Given by the caller, a normal number above 0. One factor for all frames of a sequence keeps them from flickering:
-    /// take [`Report::exposure`] of the first.
+    /// Given by the caller, a normal number above 0. One factor for all frames of a sequence keeps them from
+    /// flickering: take [`Report::exposure`] of the first.
     Fixed(f32),
     /// From a 32-bit float in a renderer's buffer, read when the recorded commands run: for an exposure that the GPU
     /// itself adapts. Where it is no normal number above 0, the frame's own. Not for the host path.
@@ -82,19 +83,19 @@ pub struct Options {
     pub blend: f32,
     /// What the host path does with fireflies.
     pub fireflies: Fireflies,
-    /// Which of the network's operations are folded into others: the same result but for rounding, for less work. `None`:
-    /// those that pay on the device.
+    /// Which of the network's operations are folded into others: the same result but for rounding, for less work.
+    /// `None`: those that pay on the device.
     pub folds: Option<Folds>,
     /// How dense 3x3 convolutions are computed; `None`: as suits the device.
     pub conv: Option<ConvAlgorithm>,
     /// How separable convolutions are; `None`: as suits the device.
     pub separable: Option<SeparableForm>,
-    /// Most device memory that a frame may take (arena, weights and, in the host path, staging), in bytes. The host path cuts
-    /// a frame that needs more into tiles ([`Report::tiles`]), and refuses one of which no tile fits; a renderer's pass is refused.
-    /// Nothing is allocated before that. `None`: what the device has.
+    /// Most device memory that a frame may take (arena, weights and, in the host path, staging), in bytes. The host
+    /// path cuts a frame that needs more into tiles ([`Report::tiles`]), and refuses one of which no tile fits; a
+    /// renderer's pass is refused. Nothing is allocated before that. `None`: what the device has.
     pub memory_budget: Option<u64>,
-    /// Bytes that a map between kernels that follow each other may take; where it would take more, they run band by band of
-    /// the frame, which takes less memory and a little more work. The bits stay the same. `None`:
+    /// Bytes that a map between kernels that follow each other may take; where it would take more, they run band by
+    /// band of the frame, which takes less memory and a little more work. The bits stay the same. `None`:
     /// [`crate::target::max_chain_bytes`].
     pub max_chain_bytes: Option<u64>,
     /// Whether what depends on albedo, normal and depth alone is kept between frames, for a camera that stands still:
@@ -135,8 +136,8 @@ pub struct TileReport {
     pub count: usize,
     /// Pixels beyond its own that a tile looks at, on each side where there is another.
     pub margin: u32,
-    /// Whether a pixel depends on none beyond that: tiles then meet without a seam. Else they meet with one that is small
-    /// (`docs/tiles.md`).
+    /// Whether a pixel depends on none beyond that: tiles then meet without a seam. Else they meet with one that is
+    /// small (`docs/tiles.md`).
     pub exact: bool,
 }
 
@@ -151,11 +152,11 @@ pub struct FrameOptions {
     pub fireflies: Fireflies,
     /// Where the recorded commands write a [`FrameStatistics`](FrameStatistics).
     pub statistics: Option<BufferAddress>,
-    /// The pixels that are wanted; `None`: all. Only what they depend on is computed and only they are written, with the
-    /// bits that they have in the whole frame.
+    /// The pixels that are wanted; `None`: all. Only what they depend on is computed and only they are written, with
+    /// the bits that they have in the whole frame.
     pub region: Option<Region>,
-    /// Whether albedo, normal and depth are those of the last recording of the pass that ran without this. What depends on
-    /// them alone is not computed again and they are not read; the result has the same bits. For denoisers made with
+    /// Whether albedo, normal and depth are those of the last recording of the pass that ran without this. What depends
+    /// on them alone is not computed again and they are not read; the result has the same bits. For denoisers made with
     /// [`Options::keep_features`].
     ///
     /// Where they are not the same, the result belongs to no frame.

@@ -29,7 +29,8 @@ impl Plan {
     }
 }
 
-/// Has the dispatches compute what the pixels of `region` depend on, and nothing else but those that are kept as they are.
+/// Has the dispatches compute what the pixels of `region` depend on, and nothing else but those that are kept as they
+/// are.
 pub(super) fn restrict_all(dispatches: &mut [Dispatch], region: Region, keeps: impl Fn(&Dispatch) -> bool) {
     set_region(region, dispatches);
     let needed = needed_tokens(dispatches, region, keeps);

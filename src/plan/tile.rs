@@ -1,8 +1,8 @@
-//! Tiles of a frame that is too large for the device. A tile is planned like a frame of its own size; what is one number for
-//! the whole frame is given to it: exposure and other statistics, the depth scale, the FiLM means.
+//! Tiles of a frame that is too large for the device. A tile is planned like a frame of its own size; what is one
+//! number for the whole frame is given to it: exposure and other statistics, the depth scale, the FiLM means.
 //!
-//! A tile's pixels far enough from its borders ([`margin`]) have the bits of the whole frame, if its origin is a multiple of
-//! the network's padding, so that windows lie where they lie in the whole.
+//! A tile's pixels far enough from its borders ([`margin`]) have the bits of the whole frame, if its origin is a
+//! multiple of the network's padding, so that windows lie where they lie in the whole.
 
 use super::region::restrict_all;
 use super::{Dispatch, Plan, plan};
@@ -25,7 +25,8 @@ pub struct Given {
     pub sums: Vec<Sums>,
 }
 
-/// Sums over tokens: a tile's partial sums after [`Plan::sums_of_tile`], the whole frame's one sum before [`Plan::of_tile`].
+/// Sums over tokens: a tile's partial sums after [`Plan::sums_of_tile`], the whole frame's one sum before
+/// [`Plan::of_tile`].
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct Sums {
     /// Where they lie, `[sums][channels]`.
@@ -77,8 +78,8 @@ impl Sums {
 }
 
 impl Plan {
-    /// What of a tile's dispatches makes the partial sums over its own pixels, `core`, and how many of them there are for each of
-    /// [`Given::sums`]. It reads the features and the depth scale.
+    /// What of a tile's dispatches makes the partial sums over its own pixels, `core`, and how many of them there are
+    /// for each of [`Given::sums`]. It reads the features and the depth scale.
     pub(crate) fn sums_of_tile(&self, core: Region) -> (Vec<Dispatch>, Vec<u64>) {
         let mut dispatches = self.dispatches.clone();
         let mut counts = Vec::new();
@@ -136,8 +137,8 @@ fn is_of_whole(call: &Call) -> bool {
 /// Pixels beyond a pixel of the network's input that mending it looks at: three tiles and their neighbours.
 const MENDING: u32 = 2 * TILE;
 
-/// How far from a tile's border a pixel has to be to have the bits of the whole frame: pixels, a multiple of the network's
-/// padding.
+/// How far from a tile's border a pixel has to be to have the bits of the whole frame: pixels, a multiple of the
+/// network's padding.
 ///
 /// # Errors
 /// As [`plan`].

@@ -134,7 +134,8 @@ fn in_place_by_layer_name_and_quiet() {
     assert_eq!(d.names(""), ["copy.exr", "views.exr"]);
 }
 
-/// Each quality is another network, stores less or leaves something out, and so another picture; the default is the balanced one.
+/// Each quality is another network, stores less or leaves something out, and so another picture; the default is the
+/// balanced one.
 #[test]
 fn a_quality_chooses_network_and_what_is_left_out() {
     let d = Directory::new();

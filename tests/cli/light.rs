@@ -25,8 +25,8 @@ fn sum(color: &[f32], pixels: &[usize], channel: usize) -> f64 {
     pixels.iter().map(|i| f64::from(color[3 * i + channel])).sum()
 }
 
-/// A colour of a wide gamut in a narrower space has a negative channel: it is 0, and the others are what they were. What a
-/// block of 20 pixels without features loses besides is the network's blur.
+/// A colour of a wide gamut in a narrower space has a negative channel: it is 0, and the others are what they were.
+/// What a block of 20 pixels without features loses besides is the network's blur.
 #[test]
 fn a_block_of_negative_red_stays_blue() {
     let file = case("12_negative_block");

@@ -1,5 +1,5 @@
-//! Ctrl-C stops the frame that is being denoised at its next submission; a second one ends the program at once, but never
-//! within the writing of a file.
+//! Ctrl-C stops the frame that is being denoised at its next submission; a second one ends the program at once, but
+//! never within the writing of a file.
 
 use crate::Failure;
 use std::sync::atomic::{AtomicBool, Ordering};
