@@ -1,0 +1,91 @@
+"""What weights answer for when nothing is to be denoised: flat frames, clean frames, the energy of noisy ones.
+
+    pip install vkdenoise-*.whl OpenEXR
+    python tools/measure/neutral.py --data PAIRS/test --method balanced --method high --method weights/expanded_patch.safetensors
+
+Prints a Markdown table, a column for each method: a quality or a file of weights; OIDN is a method too (pip install pyoidn).
+"""
+import argparse
+import sys
+from pathlib import Path
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "train"))
+from vkdn import images, metrics  # noqa: E402
+
+ENERGY_SPP = (4, 32)
+
+
+def denoiser(name):
+    """name -> function of (colour [H, W, 3], exposure or None, features) to the clean colour."""
+    if name == "OIDN":
+        import pyoidn
+
+        def run(color, exposure=None, **features):
+            features.pop("depth", None)
+            return pyoidn.denoise(color, **features, hdr=True, clean_aux=False, quality="high")
+
+        return run
+    import vkdenoise
+
+    made = vkdenoise.Denoiser(**({"weights": name} if Path(name).exists() else {"quality": name}))
+    return lambda color, exposure=None, **features: made.denoise(color, exposure=exposure, **features)
+
+
+def change(image, reference):
+    """Root mean square of the difference, of the mean."""
+    return float(np.sqrt(((image - reference) ** 2).mean()) / reference.mean())
+
+
+def flat(run):
+    """{case: figure} of frames without texture or noise."""
+    constant = run(np.ones((48, 64, 3), np.float32))
+    ramp = np.broadcast_to(np.linspace(0, 4, 64, dtype=np.float32)[None, :, None], (48, 64, 3)).copy()
+    black = run(np.zeros((48, 64, 3), np.float32))
+    return {
+        "a constant 1: least sample (asked: at least 0.998)": f"{constant.min():.5f}",
+        "a constant 1: largest sample": f"{constant.max():.5f}",
+        "all black: largest sample (0)": f"{black.max():.1g}",
+        "a ramp from 0 to 4: change (at most 0.005)": f"{change(run(ramp), ramp):.4f}",
+    }
+
+
+def of_view(view, run):
+    """{case: figure} of a rendered view."""
+    name, reference = view.parent.name, images.read_planes(view / "ref.exr")
+    clean = run(reference["color"], 1.0, **{k: v for k, v in reference.items() if k != "color"})
+    found = {
+        f"{name}, reference at exposure 1: change (at most 0.005)": f"{change(clean, reference['color']):.4f}",
+        f"{name}, reference at exposure 1: PSNR to itself (at least 45 dB)":
+            f"{metrics.psnr(clean, reference['color']):.1f}",
+    }
+    for spp, path in images.sample_files(view).items():
+        if spp in ENERGY_SPP:
+            planes = images.read_planes(path)
+            color = planes.pop("color")
+            energy = run(color, None, **planes).mean() / color.mean() - 1
+            found[f"{name}, {spp} samples: energy is off by (at most 0.005)"] = f"{energy:+.4f}"
+    return found
+
+
+def main():
+    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p.add_argument("--data", required=True)
+    p.add_argument("--method", action="append", required=True)
+    args = p.parse_args()
+    columns = {}
+    for name in args.method:
+        run = denoiser(name)
+        columns[Path(name).stem] = flat(run)
+        for view in images.find_views(args.data):
+            columns[Path(name).stem] |= of_view(view, run)
+            print(f"{name}: {view.parent.name}", file=sys.stderr)
+    print("| case | " + " | ".join(columns) + " |")
+    print("|---" * (1 + len(columns)) + "|")
+    for case in next(iter(columns.values())):
+        print(f"| {case} | " + " | ".join(column[case] for column in columns.values()) + " |")
+
+
+if __name__ == "__main__":
+    main()
