@@ -96,10 +96,10 @@ pub enum Error {
     /// A weights file could not be used.
     #[error("weights: {0}")]
     Weights(#[from] WeightsError),
-    /// An OpenEXR file could not be read or written.
+    /// An OpenEXR file could not be read or written: an [`ExrError`](crate::exr_io::ExrError).
     #[cfg(feature = "exr")]
     #[error(transparent)]
-    Exr(#[from] crate::exr_io::ExrError),
+    Exr(Box<dyn std::error::Error + Send + Sync>),
 }
 
 /// The crate's result type.

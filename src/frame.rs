@@ -1,7 +1,6 @@
 //! What the caller hands in: planes of samples in host memory, checked once against the frame's size.
 
 use crate::error::{Error, Result};
-use crate::kernels::quiet::NoiseKind;
 use half::f16;
 use std::str::FromStr;
 
@@ -320,6 +319,16 @@ impl<'a> PlaneMut<'a> {
             }
         }
     }
+}
+
+/// What a plane says of the colour's noise.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
+pub enum NoiseKind {
+    /// Variance of a pixel's luminance, in the colour's own unit squared.
+    #[default]
+    Variance,
+    /// Samples of a pixel. One sample is taken to deviate by its own size.
+    Samples,
 }
 
 /// What a renderer knows of the colour's noise: a plane of one channel.

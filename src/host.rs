@@ -2,9 +2,9 @@
 
 use crate::engine::Engine;
 use crate::error::{Error, Result};
+use crate::frame::NoiseKind;
 use crate::frame::{Extent, Features, Frame, Layout, Noise, Plane, PlaneMut, Region};
 use crate::host_signals::SignalPlanes;
-use crate::kernels::quiet::NoiseKind;
 use crate::kernels::stats::{EXPOSURE, STATS_FLOATS};
 use crate::memory::{MemoryRequired, input_bytes, output_bytes, plane_bytes};
 use crate::options::{FrameOptions, Report};

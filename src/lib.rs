@@ -63,7 +63,6 @@ macro_rules! internals {
 
 internals! { frame kernels microbench net options plan reference target testing vk }
 
-mod cache;
 mod denoise;
 mod denoiser;
 mod descriptors;
@@ -90,14 +89,12 @@ mod tiling;
 
 /// Vulkan's types and functions, in the version that the library's signatures name.
 pub use ash;
-pub use cache::Cache;
 pub use denoiser::Denoiser;
 pub use error::{Error, Result};
-pub use frame::{Extent, Features, Frame, Layout, Noise, Plane, PlaneMut, Region, Samples, SamplesMut};
+pub use frame::{Extent, Features, Frame, Layout, Noise, NoiseKind, Plane, PlaneMut, Region, Samples, SamplesMut};
 /// 16-bit floats, in the version that [`Samples`] names.
 pub use half;
 pub use kernels::frame_io::Fireflies;
-pub use kernels::quiet::NoiseKind;
 pub use memory::MemoryRequired;
 pub use net::weights::{Weights, WeightsError};
 pub use options::{Exposure, FrameOptions, Options, Precision, Quiet, QuietMargins, QuietMode, Report, TileReport};
@@ -110,6 +107,7 @@ pub use renderer::{
     BufferAddress, BufferFrame, BufferPlane, FrameStatistics, ImageFormat, ImageFrame, ImagePlane, SampleFormat,
 };
 pub use signals::{BufferSignal, Signal, SignalKind};
+pub use vk::cache::Cache;
 pub use vk::caps::{DeviceInfo, DeviceKind, Requirements};
 pub use vk::device::{Device, DeviceOptions, RendererDevice};
 pub use vk::raw::{EnabledFeatures, RawDevice};

@@ -4,7 +4,7 @@ use crate::descriptors::{DescriptorSets, Resources};
 use crate::engine::Engine;
 use crate::error::{Error, Result};
 use crate::frame::Extent;
-use crate::kernels::quiet::NoiseKind;
+use crate::frame::NoiseKind;
 use crate::kernels::signals::SignalArgs;
 use crate::kernels::{Addresses, BufferId, FrameArgs, KernelTarget, PlaneArgs, TexelRange};
 use crate::options::{Exposure, FrameOptions};

@@ -7,37 +7,10 @@
 use crate::error::{Error, Result};
 use crate::frame::{Extent, Plane, PlaneMut};
 use crate::kernels::signals::SignalArgs;
+pub use crate::kernels::signals::SignalKind;
 use crate::net::Arch;
 use crate::renderer::BufferPlane;
 use crate::vk::device::Device;
-
-/// What a signal is to the colour.
-#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
-pub enum SignalKind {
-    /// A part of the light, three channels of linear radiance: a light group, direct or indirect light, a material's
-    /// part. It is filtered as the colour is, divided by the albedo and multiplied again, so that parts that add up
-    /// to the colour do so afterwards: within 1e-5 of the colour where all of them are finite. Negative samples count
-    /// as they are, but where the colour is negative the part is 0 too.
-    Light,
-    /// Anything else, one or three channels: averaged as it is.
-    Value,
-    /// Coverage, one channel: averaged as it is, and in [0, 1] afterwards.
-    Alpha,
-}
-
-impl SignalKind {
-    fn check(self, channels: u32) -> Result<()> {
-        let (allowed, what) = match self {
-            Self::Light => (channels == 3, "a part of the light has 3 channels"),
-            Self::Value => (channels == 1 || channels == 3, "a signal has 1 channel or 3"),
-            Self::Alpha => (channels == 1, "alpha has 1 channel"),
-        };
-        if allowed {
-            return Ok(());
-        }
-        Err(Error::InvalidOption { option: "signal", reason: format!("{channels} channels; {what}") })
-    }
-}
 
 /// A signal in host memory, and where it goes.
 #[derive(Debug)]

@@ -1,11 +1,9 @@
 //! What a plan is made for: everything that the device and the caller's options decide, decided once.
 
 use crate::kernels::contract::Need;
-use crate::kernels::dense::TILE_CHANNELS;
-use crate::kernels::winograd::WinogradTile;
 use crate::kernels::{Arithmetic, KernelTarget, Storage};
 use crate::net::Folds;
-use crate::options::{Options, Precision, QuietMode};
+use crate::options::{ConvAlgorithm, Options, Precision, QuietMode, SeparableForm};
 use crate::vk::caps::{Caps, DeviceKind, TEXEL_BYTES};
 
 /// Largest block of an arena, whatever the device allows: beyond it some drivers' allocations grow unreliable.
@@ -165,49 +163,5 @@ fn arithmetic(caps: &Caps, precision: Precision) -> Result<Arithmetic, Need> {
         // On a CPU they only take longer.
         Precision::Auto if has_matrices && caps.kind != DeviceKind::Cpu => Ok(Arithmetic::Matrices),
         Precision::Auto => Ok(Arithmetic::Floats),
-    }
-}
-
-/// How dense 3x3 convolutions of stride 1 to more than four channels are computed. Others are direct.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub enum ConvAlgorithm {
-    /// By the definition.
-    #[default]
-    Direct,
-    /// By Winograd's minimal filtering.
-    Winograd(WinogradTile),
-}
-
-impl ConvAlgorithm {
-    /// The tile; `None`: direct.
-    pub(crate) fn tile(self) -> Option<WinogradTile> {
-        match self {
-            Self::Winograd(tile) => Some(tile),
-            Self::Direct => None,
-        }
-    }
-}
-
-/// How a depthwise convolution whose result only the next, pointwise convolution reads is computed.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
-pub enum SeparableForm {
-    /// As two kernels, the result between them in memory.
-    #[default]
-    TwoKernels,
-    /// As one.
-    Fused,
-    /// As one where a workgroup computes all outputs of the pointwise one, as elsewhere each group of them would compute the
-    /// depthwise one anew, and the pointwise one has more inputs than outputs.
-    Narrow,
-}
-
-impl SeparableForm {
-    /// Whether a pointwise convolution of so many inputs and outputs is one kernel with the depthwise one before it.
-    pub(crate) fn fuses(self, inputs: u32, outputs: u32) -> bool {
-        match self {
-            Self::TwoKernels => false,
-            Self::Fused => true,
-            Self::Narrow => outputs <= TILE_CHANNELS && outputs < inputs,
-        }
     }
 }

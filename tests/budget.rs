@@ -11,9 +11,10 @@ use vkdenoise::exr_io::{ExrFrame, LayerOptions};
 use vkdenoise::kernels::winograd::WinogradTile;
 use vkdenoise::kernels::{Arithmetic, Storage};
 use vkdenoise::net::Graph;
+use vkdenoise::options::ConvAlgorithm;
 use vkdenoise::plan::plan;
 use vkdenoise::reference::Reference;
-use vkdenoise::target::{ConvAlgorithm, Target};
+use vkdenoise::target::Target;
 use vkdenoise::testing::Bench;
 use vkdenoise::{Denoiser, Extent, Frame, Layout, Options, PlaneMut, Precision, Weights};
 

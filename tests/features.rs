@@ -10,8 +10,9 @@ use common::vulkan::{Renderer, RendererBuffer};
 use vkdenoise::kernels::winograd::WinogradTile;
 use vkdenoise::net::graph::Graph;
 use vkdenoise::net::{Arch, Block, Bottleneck, Convolution, Decoder, Head, StageSpec, Weights};
+use vkdenoise::options::{ConvAlgorithm, SeparableForm};
 use vkdenoise::plan::{Dispatch, Place, Plan, plan};
-use vkdenoise::target::{ConvAlgorithm, SeparableForm, Target};
+use vkdenoise::target::Target;
 use vkdenoise::{
     BufferFrame, BufferPlane, Denoiser, Device, Error, Extent, Features, Frame, FrameOptions, Layout, Options, Plane,
     PlaneMut, Region, SampleFormat,

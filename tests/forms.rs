@@ -10,9 +10,9 @@ use common::planes::TestFrame;
 use vkdenoise::kernels::Call;
 use vkdenoise::kernels::winograd::WinogradTile;
 use vkdenoise::net::{Arch, Block, Convolution, Folds, Weights};
+use vkdenoise::options::{ConvAlgorithm, SeparableForm};
 use vkdenoise::plan::Plan;
 use vkdenoise::reference::Reference;
-use vkdenoise::target::{ConvAlgorithm, SeparableForm};
 use vkdenoise::testing::denoise_and_read;
 use vkdenoise::{Denoiser, Extent, Layout, Options, PlaneMut, Region};
 

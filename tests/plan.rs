@@ -7,8 +7,9 @@ use vkdenoise::kernels::contract::BindingType;
 use vkdenoise::kernels::winograd::WinogradTile;
 use vkdenoise::kernels::{Arithmetic, BufferId, Call, KernelTarget, Storage, Tiles};
 use vkdenoise::net::{Arch, Folds, Graph, Head};
+use vkdenoise::options::{ConvAlgorithm, SeparableForm};
 use vkdenoise::plan::{Dispatch, Place, Plan, plan};
-use vkdenoise::target::{ConvAlgorithm, SeparableForm, Target, max_chain_bytes};
+use vkdenoise::target::{Target, max_chain_bytes};
 use vkdenoise::{Error, Extent};
 
 fn plan_of(name: &str, extent: Extent, max_block_bytes: u64) -> Result<Plan, Error> {

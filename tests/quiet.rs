@@ -9,7 +9,7 @@ use common::random::Random;
 use vkdenoise::kernels::winograd::WinogradTile;
 use vkdenoise::metrics::Comparison;
 use vkdenoise::net::Block;
-use vkdenoise::target::{ConvAlgorithm, SeparableForm};
+use vkdenoise::options::{ConvAlgorithm, SeparableForm};
 use vkdenoise::testing::Bench;
 use vkdenoise::{
     Denoiser, Error, Extent, Features, Frame, Layout, Noise, NoiseKind, Options, Plane, PlaneMut, Precision, Quiet,

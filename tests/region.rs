@@ -9,8 +9,9 @@ use vkdenoise::kernels::winograd::WinogradTile;
 use vkdenoise::kernels::{Call, Tiles};
 use vkdenoise::net::graph::{Graph, Stage};
 use vkdenoise::net::{Arch, Block, Bottleneck, Decoder, Folds, Head, StageSpec};
+use vkdenoise::options::{ConvAlgorithm, SeparableForm};
 use vkdenoise::plan::{Plan, plan};
-use vkdenoise::target::{ConvAlgorithm, SeparableForm, Target};
+use vkdenoise::target::Target;
 use vkdenoise::{
     Denoiser, Error, Extent, Features, Frame, Layout, Options, Plane, PlaneMut, Precision, Region, Weights,
 };

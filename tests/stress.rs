@@ -13,7 +13,7 @@ use stress::light::is_of_training;
 use stress::scene::Scene;
 use stress::subject::{Exactness, Subject, Tier, without_residual};
 use stress::{Depends, Effort, bad_samples, cases};
-use vkdenoise::target::ConvAlgorithm;
+use vkdenoise::options::ConvAlgorithm;
 use vkdenoise::{Denoiser, Extent, Layout, Options, PlaneMut, Weights};
 
 /// 32-bit floats and direct convolutions; the kernels' own tests hold the tiers to each other.

@@ -150,3 +150,9 @@ impl ExrError {
         }
     }
 }
+
+impl From<ExrError> for crate::Error {
+    fn from(error: ExrError) -> Self {
+        Self::Exr(Box::new(error))
+    }
+}

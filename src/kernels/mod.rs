@@ -30,6 +30,7 @@ pub mod window_attention;
 pub mod winograd;
 
 use contract::Specialisation;
+use crate::frame::NoiseKind;
 use variant::by_storage;
 
 pub use crate::net::graph::{Activation, Shuffle};
@@ -161,7 +162,7 @@ pub struct FrameArgs {
     /// What is known of the colour's noise.
     pub noise: PlaneArgs,
     /// What that is.
-    pub noise_kind: quiet::NoiseKind,
+    pub noise_kind: NoiseKind,
     /// Relative noise below which nothing is denoised, where the plan leaves that out.
     pub quiet_threshold: f32,
     /// The output plane.

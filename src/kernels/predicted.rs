@@ -2,11 +2,11 @@
 
 use super::contracts::{self, halves};
 use super::pushes::{ApplyKernelsPush, HalvePush, KernelInputsPush, MixLevelsPush, PredictKernelsPush};
+use super::signals::SignalKind;
 use super::{
     Access, Addresses, BufferId, Footprint, Grid, Kernel, KernelTarget, PushBytes, Scale, Storage, TexelRange, Tiles,
     Traffic, Variant, View, by_storage, flags, groups,
 };
-use crate::signals::SignalKind;
 
 /// Packed weights that [`KernelInputs`] reads, in 32-bit floats: biases and the reliability's row, then 40 inputs of 32
 /// hidden numbers for each of a token's pixels.

@@ -14,7 +14,7 @@ use super::{
     Access, Addresses, BufferId, Grid, Kernel, KernelTarget, PushBytes, Scale, TILE, Tiles, Traffic, Variant, View,
     by_storage, flags, groups,
 };
-use crate::frame::{Extent, Region};
+use crate::frame::{Extent, NoiseKind, Region};
 use std::cmp::Ordering;
 
 /// Pixels of a square of the map, on a side.
@@ -50,16 +50,6 @@ impl MapSize {
     pub fn sums(&self) -> u32 {
         (self.columns + 1) * (self.rows + 1)
     }
-}
-
-/// What a plane says of the colour's noise.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub enum NoiseKind {
-    /// Variance of a pixel's luminance, in the colour's own unit squared.
-    #[default]
-    Variance,
-    /// Samples of a pixel. One sample is taken to deviate by its own size.
-    Samples,
 }
 
 /// Relative noise of every square, a float each: the standard deviation over the size, from the renderer's plane or, where it gives

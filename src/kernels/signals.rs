@@ -9,8 +9,36 @@ use super::{
     Access, Addresses, BufferId, Grid, Kernel, KernelTarget, PlaneArgs, PushBytes, Scale, Storage, Tiles, Traffic,
     Variant, View, by_storage, flags, groups,
 };
+use crate::error::{Error, Result};
 use crate::frame::Region;
-use crate::signals::SignalKind;
+
+/// What a signal is to the colour.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
+pub enum SignalKind {
+    /// A part of the light, three channels of linear radiance: a light group, direct or indirect light, a material's
+    /// part. It is filtered as the colour is, divided by the albedo and multiplied again, so that parts that add up
+    /// to the colour do so afterwards: within 1e-5 of the colour where all of them are finite. Negative samples count
+    /// as they are, but where the colour is negative the part is 0 too.
+    Light,
+    /// Anything else, one or three channels: averaged as it is.
+    Value,
+    /// Coverage, one channel: averaged as it is, and in [0, 1] afterwards.
+    Alpha,
+}
+
+impl SignalKind {
+    pub(crate) fn check(self, channels: u32) -> Result<()> {
+        let (allowed, what) = match self {
+            Self::Light => (channels == 3, "a part of the light has 3 channels"),
+            Self::Value => (channels == 1 || channels == 3, "a signal has 1 channel or 3"),
+            Self::Alpha => (channels == 1, "alpha has 1 channel"),
+        };
+        if allowed {
+            return Ok(());
+        }
+        Err(Error::InvalidOption { option: "signal", reason: format!("{channels} channels; {what}") })
+    }
+}
 
 /// A signal of one recording.
 #[derive(Clone, Copy, Debug, PartialEq)]

@@ -2,9 +2,9 @@
 //! computed. A folded graph computes the same residual but for rounding; it reads the same tensors, and makes its weights
 //! of them.
 
+use super::ParseError;
 use super::graph::{Activation, ConvWeight, Graph, LinearWeight, Op, OpKind, Shape, Shuffle, Slice};
 use super::weights::{Weights, WeightsError};
-use crate::error::Error;
 use std::borrow::Cow;
 use std::str::FromStr;
 
@@ -36,10 +36,10 @@ impl Folds {
 }
 
 impl FromStr for Folds {
-    type Err = Error;
+    type Err = ParseError;
 
     /// `all`, `none`, or a list of `unembed`, `skip`, `unread` and `norm` with commas between.
-    fn from_str(text: &str) -> Result<Self, Error> {
+    fn from_str(text: &str) -> Result<Self, ParseError> {
         let mut folds = Self::NONE;
         for name in text.split(',') {
             match name {
@@ -51,7 +51,7 @@ impl FromStr for Folds {
                 "norm" => folds.norm = true,
                 other => {
                     let reason = format!("'{other}'; it can be all, none, or some of unembed, skip, unread and norm");
-                    return Err(Error::InvalidOption { option: "folds", reason });
+                    return Err(ParseError { what: "folds", reason });
                 }
             }
         }

@@ -7,8 +7,8 @@ use std::str::FromStr;
 use serde::de::Error as _;
 use serde::{Deserialize, Deserializer, Serialize};
 
+use super::ParseError;
 use super::arch::{Arch, ArchError, Decoder, check};
-use crate::error::Error;
 
 /// Numbers of a pixel from which its kernels are predicted.
 pub const HIDDEN: u32 = 32;
@@ -95,17 +95,17 @@ impl Head {
 }
 
 impl FromStr for Head {
-    type Err = Error;
+    type Err = ParseError;
 
     /// `residual`, `pure` or `gated`.
-    fn from_str(text: &str) -> Result<Self, Error> {
+    fn from_str(text: &str) -> Result<Self, ParseError> {
         match text {
             "residual" => Ok(Self::Residual),
             "pure" => Ok(Self::pure()),
             "gated" => Ok(Self::gated()),
             other => {
                 let reason = format!("'{other}'; it can be residual, pure or gated");
-                Err(Error::InvalidOption { option: "head", reason })
+                Err(ParseError { what: "head", reason })
             }
         }
     }

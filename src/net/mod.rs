@@ -32,3 +32,13 @@ pub use graph::{
 };
 pub use head::{Head, KernelHead};
 pub use weights::{DepthRule, ExposureRule, Preprocessing, Tensor, Weights, WeightsError};
+
+/// A word that names nothing.
+#[derive(Clone, Debug, PartialEq, Eq, thiserror::Error)]
+#[error("{what}: {reason}")]
+pub struct ParseError {
+    /// What it was to name.
+    pub what: &'static str,
+    /// The word, and those that there are.
+    pub reason: String,
+}

@@ -1,6 +1,7 @@
 //! What a caller chooses: for a denoiser ([`Options`]) and for each frame ([`FrameOptions`]); and what comes back
 //! ([`Report`]).
 
+mod forms;
 mod quiet;
 
 use crate::error::{Error, Result};
@@ -8,10 +9,10 @@ use crate::frame::Region;
 use crate::kernels::frame_io::Fireflies;
 use crate::net::Folds;
 use crate::renderer::BufferAddress;
-use crate::target::{ConvAlgorithm, SeparableForm};
 use std::fmt;
 use std::str::FromStr;
 
+pub use forms::{ConvAlgorithm, SeparableForm};
 pub use quiet::{Quiet, QuietMargins, QuietMode};
 
 /// Arithmetic and storage of the network.

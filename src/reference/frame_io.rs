@@ -7,7 +7,8 @@ use super::signals::SignalData;
 use super::tiles;
 use crate::frame::{Extent, Frame, Plane, Samples};
 use crate::kernels::frame_io::{Fireflies, InputAux, InputColor, Output};
-use crate::kernels::quiet::{BLEND_PIXELS, MAP_TILE, NoiseKind};
+use crate::frame::NoiseKind;
+use crate::kernels::quiet::{BLEND_PIXELS, MAP_TILE};
 use crate::kernels::stats::{EXPOSURE, LARGEST};
 
 /// The network's range: what it is given of exposed colour ends here.

@@ -3,8 +3,9 @@
 use super::Reference;
 use super::frame_io::{FrameData, reflect};
 use super::samples::is_sound;
+use crate::frame::NoiseKind;
 use crate::kernels::quiet::{
-    ALWAYS, FAR, Fill, MAP_TILE, NoiseKind, QuietMap, REACHES, Reach, Sample, TILES_A_GROUP, TileList, TileNoise,
+    ALWAYS, FAR, Fill, MAP_TILE, QuietMap, REACHES, Reach, Sample, TILES_A_GROUP, TileList, TileNoise,
 };
 use crate::kernels::stats::{EXPOSURE, KEY};
 use crate::kernels::{TILE, View};

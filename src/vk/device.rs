@@ -6,7 +6,7 @@ use super::instance::{Messages, OwnedInstance};
 use super::matrix::{self, MatrixShape};
 use super::pipeline_cache::PipelineCache;
 use super::selector::{DeviceSelector, enumerate, select};
-use crate::cache::Cache;
+use crate::vk::cache::Cache;
 use crate::error::{Error, Result};
 use ash::{khr, vk};
 use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};

@@ -1,7 +1,7 @@
 //! The driver's cache of compiled kernels, kept in a file between processes.
 
 use super::caps::Identity;
-use crate::cache::{Cache, CacheFile, hash};
+use crate::vk::cache::{Cache, CacheFile, hash};
 use ash::vk;
 use std::sync::{Mutex, PoisonError};
 

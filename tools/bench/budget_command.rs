@@ -4,7 +4,8 @@ use crate::budget::{Result, measure, residual, table};
 use std::path::PathBuf;
 use vkdenoise::exr_io::{ExrFrame, LayerOptions};
 use vkdenoise::kernels::winograd::WinogradTile;
-use vkdenoise::target::{ConvAlgorithm, Target};
+use vkdenoise::options::ConvAlgorithm;
+use vkdenoise::target::Target;
 use vkdenoise::testing::Bench;
 use vkdenoise::{Device, DeviceSelector, Extent, Frame, Weights};
 

@@ -4,7 +4,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 use vkdenoise::kernels::winograd::WinogradTile;
 use vkdenoise::net::{Arch, Folds, Head};
-use vkdenoise::target::{ConvAlgorithm, SeparableForm};
+use vkdenoise::options::{ConvAlgorithm, SeparableForm};
 use vkdenoise::{DeviceSelector, Extent, Precision, QuietMode, Region};
 
 /// Where the time goes: networks, blocks and convolutions, kernel by kernel, by timestamps in the command buffer.

@@ -10,7 +10,8 @@ use crate::{Failure, export, thesis};
 use serde_json::json;
 use vkdenoise::kernels::winograd::WinogradTile;
 use vkdenoise::net::{Convolution, Graph};
-use vkdenoise::target::{ConvAlgorithm, SeparableForm, Target};
+use vkdenoise::options::{ConvAlgorithm, SeparableForm};
+use vkdenoise::target::Target;
 use vkdenoise::{Extent, KernelRecord, Precision};
 
 /// Lanes that share an instruction where the thesis counted.

@@ -9,7 +9,7 @@ use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::str::FromStr;
 use vkdenoise::kernels::winograd::WinogradTile;
 use vkdenoise::net::{Folds, Graph};
-use vkdenoise::target::{ConvAlgorithm, SeparableForm};
+use vkdenoise::options::{ConvAlgorithm, SeparableForm};
 use vkdenoise::testing::{Bench, denoiser_with_kernels};
 use vkdenoise::{Denoiser, Device, Layout, Options, PlaneMut, Precision, Quiet, QuietMode, Weights};
 
