@@ -1,14 +1,14 @@
 // vkdenoise: a Vulkan compute denoiser for Monte Carlo renders.
 //
-// Host path: open a device, create a denoiser on it, call vkdenoise_denoise for every frame. Renderer's path: hand
-// your device over (vkdenoise_device_from_renderer), create a denoiser and a pass for the frame's size, bind buffers
-// or images, record the pass into a command buffer every frame.
+// Host path: open a device, create a denoiser on it, call vkdenoise_denoise for every frame.
+// Renderer's path: hand your device over (vkdenoise_device_from_renderer), create a denoiser and a pass for the
+// frame's size, bind buffers or images, record the pass into a command buffer every frame.
 //
 // * Structs begin with struct_size, which the caller sets to sizeof the struct; all other fields may be 0. They grow
 //   in later releases, and programs built against this header go on working. VKDENOISE_INIT makes one:
-//   vkdenoise_options options = VKDENOISE_INIT(vkdenoise_options);
+//     vkdenoise_options options = VKDENOISE_INIT(vkdenoise_options);
 // * Functions that can fail return a vkdenoise_status, and vkdenoise_last_error() says what was wrong. A failed call
-//   changes nothing of the caller's.
+//   changes nothing of the caller's; the place for a new object becomes NULL.
 // * Objects can be destroyed in any order: what is made from them keeps alive what it needs.
 // * Text is UTF-8 and ends with a zero.
 // * All objects can be used by several threads at once, but for the destroying of one.

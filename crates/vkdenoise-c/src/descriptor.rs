@@ -5,7 +5,7 @@ use std::mem::{MaybeUninit, size_of};
 use std::ptr;
 
 /// No descriptor is as large; what is was never set.
-const MOST: usize = 1 << 16;
+const MOST: usize = 1 << 12;
 
 /// A struct of the interface that begins with `struct_size: usize`.
 ///

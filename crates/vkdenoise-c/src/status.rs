@@ -145,3 +145,38 @@ pub extern "C" fn vkdenoise_status_string(status: u32) -> *const c_char {
     let known = Status::ALL.into_iter().find(|known| *known as u32 == status);
     known.map_or(c"unknown status", Status::name).as_ptr()
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::thread;
+
+    fn last_error() -> String {
+        // SAFETY: the function gives a string of this thread's.
+        unsafe { CStr::from_ptr(vkdenoise_last_error()) }.to_str().unwrap().to_owned()
+    }
+
+    #[test]
+    fn a_panic_is_a_status_with_its_message() {
+        assert_eq!(guard(|| panic!("lost {} things", 3)), Status::Internal);
+        assert!(last_error().contains("lost 3 things"), "{}", last_error());
+        assert_eq!(guard(|| panic!("constant")), Status::Internal);
+        assert!(last_error().contains("constant"), "{}", last_error());
+    }
+
+    #[test]
+    fn messages_are_of_a_thread_and_stay_until_the_next_failure() {
+        assert_eq!(guard(|| Err(Failure::argument("here, with a \0 in it"))), Status::InvalidArgument);
+        thread::spawn(|| assert_eq!(last_error(), "")).join().unwrap();
+        assert_eq!(guard(|| Ok(())), Status::Ok);
+        assert_eq!(last_error(), "here, with a ? in it");
+        let lost = guard(|| Err(Error::DeviceLost.into()));
+        assert_eq!((lost, last_error()), (Status::DeviceLost, Error::DeviceLost.to_string()));
+    }
+
+    #[test]
+    fn every_status_has_words_of_its_own() {
+        let words: std::collections::BTreeSet<_> = Status::ALL.into_iter().map(Status::name).collect();
+        assert_eq!(words.len(), Status::ALL.len());
+    }
+}
