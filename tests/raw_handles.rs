@@ -39,13 +39,25 @@ fn denoised(renderer: &Renderer, handles: RendererDevice) -> Vec<u8> {
     output.read()
 }
 
+/// What a renderer says of its device.
+fn told(device: &RendererDevice) -> (vk::Instance, vk::PhysicalDevice, vk::Device, u32, [bool; 5]) {
+    let features = [
+        device.storage_buffer_16bit,
+        device.shader_int64,
+        device.subgroup_broadcast_dynamic_id,
+        device.host_query_reset,
+        device.cooperative_matrix.is_some(),
+    ];
+    (device.instance.handle(), device.physical_device, device.device.handle(), device.queue_family, features)
+}
+
 #[test]
 fn the_same_bits_as_through_ash() {
     let renderer = Renderer::new();
     let by_ash = denoised(&renderer, renderer.handles());
     // SAFETY: the handles are the renderer's.
     let mut raw = unsafe { RendererDevice::from_raw(&renderer.raw()) }.unwrap();
-    assert_eq!(raw.cooperative_matrix.is_some(), renderer.handles().cooperative_matrix.is_some());
+    assert_eq!(told(&raw), told(&renderer.handles()));
     raw.cache = Cache::Off;
     let by_numbers = denoised(&renderer, raw);
     assert!(by_ash.iter().any(|byte| *byte != 0));

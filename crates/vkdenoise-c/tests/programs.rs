@@ -182,8 +182,36 @@ fn the_interface_is_the_stored_one() {
     assert!(soname.contains("[libvkdenoise.so.1]"), "{soname}");
     // Sizes are those of 64-bit systems.
     if cfg!(all(target_pointer_width = "64", target_os = "linux")) {
-        common::assert_stored(&root().join("abi.txt"), &format!("{layout}{}\n", functions.join("\n")));
+        let version = header.lines().find_map(|line| line.strip_prefix("#define VKDENOISE_ABI_VERSION ")).unwrap();
+        let made = format!("version {version}\n{layout}{}\n", functions.join("\n"));
+        let file = root().join("abi.txt");
+        assert_kept(&fs::read_to_string(&file).unwrap(), &made);
+        common::assert_stored(&file, &made);
     }
+}
+
+/// What there was is still there, unless the interface has a new version. Structs may grow, and reserved fields be used.
+fn assert_kept(stored: &str, made: &str) {
+    if stored.lines().next() != made.lines().next() {
+        return;
+    }
+    let free = |line: &&str| !line.starts_with("struct ") && !line.contains(" reserved: ");
+    for line in stored.lines().filter(free) {
+        assert!(
+            made.lines().any(|now| now == line),
+            "'{line}' is gone: raise VKDENOISE_ABI_VERSION in src/abi_version.rs"
+        );
+    }
+}
+
+#[test]
+fn an_interface_that_loses_something_needs_a_new_version() {
+    let stored = "version 1\nstruct a 8\na: size_t struct_size: 0 + 8\na: uint32_t reserved: 8 + 4\nB 1\n";
+    assert_kept(stored, stored);
+    assert_kept(stored, &stored.replace("a 8", "a 16").replace("reserved", "used"));
+    assert_kept(stored, &stored.replace("version 1", "version 2").replace("B 1", "B 2"));
+    let lost = std::panic::catch_unwind(|| assert_kept(stored, &stored.replace("B 1", "B 2")));
+    assert!(lost.is_err());
 }
 
 /// The header without comments and lines of the preprocessor.
@@ -204,7 +232,7 @@ fn layout_program(header: &str) -> String {
             let declared = field.split('[').next().unwrap();
             let field_name = declared.rsplit([' ', '*']).next().unwrap();
             let place = format!("offsetof({name}, {field_name}), sizeof((({name} *)0)->{field_name})");
-            lines += &format!("printf(\"  {field}: %zu + %zu\\n\", {place});\n");
+            lines += &format!("printf(\"{name}: {field}: %zu + %zu\\n\", {place});\n");
         }
     }
     for part in code.split("enum vkdenoise_").skip(1) {
@@ -214,7 +242,7 @@ fn layout_program(header: &str) -> String {
         lines += &format!("printf(\"enum vkdenoise_{name} %zu\\n\", sizeof(vkdenoise_{name}));\n");
         for value in values.split(',').filter_map(|value| value.split('=').next()).map(str::trim) {
             if !value.is_empty() {
-                lines += &format!("printf(\"  {value} %u\\n\", (unsigned){value});\n");
+                lines += &format!("printf(\"{value} %u\\n\", (unsigned){value});\n");
             }
         }
     }
