@@ -104,7 +104,7 @@ fn a_renderers_images_and_what_its_path_refuses() {
 
 #[test]
 fn what_the_host_path_refuses() {
-    run(&build("cc", "-std=c11", "tests/programs/host_misuse.c", &[]));
+    run(&build("cc", "-std=c11", "tests/programs/host_misuse.c", &["-pthread"]));
 }
 
 /// The code of a language in the guide, in one piece.

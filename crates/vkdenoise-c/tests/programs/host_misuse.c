@@ -1,5 +1,6 @@
 // What the host path refuses, what it leaves untouched then, and what strides, halves and overlapping planes give.
 
+#include <pthread.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -298,6 +299,45 @@ static void strides(vkdenoise_denoiser *denoiser) {
   EXPECT(narrow[0] != 0);
 }
 
+// What a thread is given: the frame is the shared one, the output its own.
+struct job {
+  vkdenoise_denoiser *denoiser;
+  float exposure, output[SAMPLES];
+  vkdenoise_status status;
+};
+
+static void *run_job(void *argument) {
+  struct job *job = argument;
+  vkdenoise_plane_mut to = VKDENOISE_INIT(vkdenoise_plane_mut);
+  to.samples = job->output;
+  vkdenoise_frame mine = frame;
+  mine.output = &to;
+  vkdenoise_frame_options options = VKDENOISE_INIT(vkdenoise_frame_options);
+  options.exposure = job->exposure;
+  for (int i = 0; i < 3 && !job->status; i++) job->status = vkdenoise_denoise(job->denoiser, &mine, &options, NULL);
+  return NULL;
+}
+
+// Two threads call one denoiser, each with options of its own.
+static void threads(vkdenoise_denoiser *denoiser) {
+  static struct job alone[2], together[2];
+  pthread_t running[2];
+  reset();
+  for (int i = 0; i < 2; i++) {
+    alone[i].denoiser = together[i].denoiser = denoiser;
+    alone[i].exposure = together[i].exposure = 0.5f + (float)i;
+    run_job(&alone[i]);
+    EXPECT(alone[i].status == VKDENOISE_STATUS_OK);
+  }
+  for (int i = 0; i < 2; i++) EXPECT(pthread_create(&running[i], NULL, run_job, &together[i]) == 0);
+  for (int i = 0; i < 2; i++) {
+    EXPECT(pthread_join(running[i], NULL) == 0);
+    EXPECT(together[i].status == VKDENOISE_STATUS_OK);
+    EXPECT(memcmp(together[i].output, alone[i].output, sizeof alone[i].output) == 0);
+  }
+  EXPECT(memcmp(alone[0].output, alone[1].output, sizeof alone[0].output) != 0);
+}
+
 // Objects go in any order.
 static void lifetimes(void) {
   vkdenoise_device_options where = VKDENOISE_INIT(vkdenoise_device_options);
@@ -333,6 +373,7 @@ int main(void) {
   planes(denoiser);
   versions(denoiser);
   strides(denoiser);
+  threads(denoiser);
   vkdenoise_denoiser_destroy(denoiser);
   vkdenoise_device_destroy(device);
   lifetimes();
