@@ -7,11 +7,11 @@ use common::planes::{TestFrame, TestPlane};
 use common::random::Random;
 use common::rig::{Rig, words};
 use vkdenoise::kernels::quiet::{
-    ALWAYS, Fill, MapSize, NoiseKind, QuietMap, REACHES, Reach, Sample, TileList, TileNoise, list_bytes,
+    ALWAYS, Fill, MapSize, QuietMap, REACHES, Reach, Sample, TileList, TileNoise, list_bytes,
 };
 use vkdenoise::kernels::{BufferId, Call, Storage, Tiles, View};
 use vkdenoise::testing::SENTINEL;
-use vkdenoise::{Extent, Noise, Region};
+use vkdenoise::{Extent, Noise, NoiseKind, Region};
 
 const STATS: BufferId = BufferId(0);
 const NOISE: BufferId = BufferId(1);
