@@ -5,16 +5,9 @@
 // An invocation keeps its tiles' sums at all points in registers: TX tiles side by side, 4 * NV output channels.
 #version 460
 #extension GL_EXT_control_flow_attributes : require
-#ifdef LANES_SHARE
-#include "shared/lanes.glsl"
-#endif
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"
 #include "shared/epilogue.glsl"
-TEXELS_OF(0, src)
-TEXELS_OF(1, weights)
-TEXELS_OF(2, film)
-TEXELS_OF(3, residual)
 
 layout(local_size_x = 64) in;
 
@@ -93,24 +86,11 @@ vec4 points[TX * POINTS];
 }
 #endif
 
-#ifdef LANES_SHARE
-// Of a row of points.
-vec4 lane_weights[PER_LANE(IN * 4)];
-#define FETCH_WEIGHTS(base) \
-    { uint from = (base) + SHARED_FIRST(IN * 4); \
-      [[unroll]] for (int i = 0; i < PER_LANE(IN * 4); ++i) lane_weights[i] = LOAD_WEIGHTS(weights, from + i); }
-#define WEIGHT(base, j) SHARED(lane_weights, IN * 4, j)
-#else
-#define FETCH_WEIGHTS(base)
-#define WEIGHT(base, j) LOAD_WEIGHTS(weights, (base) + (j))
-#endif
-
 void main() {
     uint slot = group_index() * (64u / LANES) + gl_LocalInvocationID.x / LANES;
     uint count = tiles_of(tile_count, flags, tiles);
-    bool live = slot < count;
-    LEAVE_UNLESS(live)
-    uvec2 origin = tile_origin(min(slot, count - 1u), first_tile, flags, tiles);
+    if (slot >= count) return;
+    uvec2 origin = tile_origin(slot, first_tile, flags, tiles);
     uint lane = gl_LocalInvocationID.x % LANES;
     ivec2 base = ivec2(origin) + ivec2(lane % LANES_X, lane / LANES_X) * ivec2(OUT * TX, OUT);
     uint first_channel = gl_WorkGroupID.y * NV;
@@ -142,12 +122,11 @@ void main() {
         [[unroll]] for (int n = 0; n < NV; ++n) {
             uint block_base = bias_vectors + ((first_channel + n) * src_channels + k) * POINTS * 4u;
             [[unroll]] for (int y = 0; y < IN; ++y) {
-                FETCH_WEIGHTS(block_base + y * IN * 4)
                 [[unroll]] for (int x = 0; x < IN; ++x) {
-                    vec4 w0 = WEIGHT(block_base + y * IN * 4, x * 4);
-                    vec4 w1 = WEIGHT(block_base + y * IN * 4, x * 4 + 1);
-                    vec4 w2 = WEIGHT(block_base + y * IN * 4, x * 4 + 2);
-                    vec4 w3 = WEIGHT(block_base + y * IN * 4, x * 4 + 3);
+                    vec4 w0 = weights.v[block_base + uint((y * IN + x) * 4)];
+                    vec4 w1 = weights.v[block_base + uint((y * IN + x) * 4 + 1)];
+                    vec4 w2 = weights.v[block_base + uint((y * IN + x) * 4 + 2)];
+                    vec4 w3 = weights.v[block_base + uint((y * IN + x) * 4 + 3)];
                     [[unroll]] for (int t = 0; t < TX; ++t) {
                         vec4 a = points[t * POINTS + y * IN + x];
                         sums[(n * TX + t) * POINTS + y * IN + x] += a.x * w0 + a.y * w1 + a.z * w2 + a.w * w3;
@@ -156,7 +135,6 @@ void main() {
             }
         }
     }
-    if (!live) return;
 
     [[unroll]] for (int n = 0; n < NV; ++n) {
         uint channel = first_channel + n;

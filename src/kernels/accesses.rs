@@ -160,8 +160,7 @@ fn winograd3x3(call: &Winograd3x3, contract: &Contract) -> Accesses {
     let (outputs, inputs) = (u64::from(call.tile.outputs()), u64::from(call.tile.inputs()));
     let block = Block { x: outputs * tiles, y: outputs, vectors };
     let conv = &call.conv;
-    let weights = 4 * inputs * inputs / if contract.has("LANES_SHARE") { 8 } else { 1 };
-    let per_four_inputs = inputs * (outputs * tiles + 2) + vectors * weights;
+    let per_four_inputs = inputs * (outputs * tiles + 2) + vectors * 4 * inputs * inputs;
     let loads = vectors
         + u64::from(conv.src.channels / 4) * per_four_inputs
         + block.outputs() * epilogue_loads(conv.film.is_some(), conv.residual.is_some());

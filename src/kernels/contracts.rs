@@ -111,14 +111,8 @@ contracts! {
             { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "1", "TEXELS": "1" } CPU, CPU_HALVES, DENSE;
         /// Convolution by F(2x2, 3x3).
         WINOGRAD3X3_F2 = "winograd3x3_f2" "winograd3x3.comp" Conv3x3Push { "OUT": "2", "TX": "1", "NV": "2" } &[], HALVES, DENSE;
-        /// The same for CPU drivers.
-        WINOGRAD3X3_F2_CPU = "winograd3x3_f2_cpu" "winograd3x3.comp" Conv3x3Push
-            { "OUT": "2", "TX": "2", "NV": "2", "LANES_SHARE": "1", "TEXELS": "1" } CPU, CPU_HALVES, DENSE;
         /// Convolution by F(4x4, 3x3).
         WINOGRAD3X3_F4 = "winograd3x3_f4" "winograd3x3.comp" Conv3x3Push { "OUT": "4", "TX": "1", "NV": "1" } &[], HALVES, DENSE;
-        /// The same for CPU drivers.
-        WINOGRAD3X3_F4_CPU = "winograd3x3_f4_cpu" "winograd3x3.comp" Conv3x3Push
-            { "OUT": "4", "TX": "1", "NV": "2", "LANES_SHARE": "1", "TEXELS": "1" } CPU, CPU_HALVES, DENSE;
         /// Depthwise and pointwise convolution in one, tiles of 32 channels.
         SEPARABLE3X3 = "separable3x3" "separable3x3.comp" Separable3x3Push { "TX": "2", "TY": "2", "NV": "8" } &[], HALVES, SEPARABLE;
         /// The same for CPU drivers.

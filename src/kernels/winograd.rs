@@ -4,7 +4,7 @@ use super::contract::Specialisation;
 use super::contracts::{self, halves};
 use super::dense::Conv3x3;
 use super::{
-    Access, Addresses, Grid, Kernel, KernelTarget, PushBytes, TexelRange, Tiles, Traffic, Variant, View, by_storage,
+    Access, Addresses, Grid, Kernel, KernelTarget, PushBytes, Tiles, Traffic, Variant, View, by_storage,
     groups,
 };
 use serde::{Deserialize, Serialize};
@@ -47,13 +47,11 @@ pub struct Winograd3x3 {
 }
 
 impl Kernel for Winograd3x3 {
-    fn choose(&self, target: KernelTarget) -> Variant {
+    fn choose(&self, _: KernelTarget) -> Variant {
         let of = |f32, f16| by_storage(self.conv.dst.storage, f32, f16);
-        let contract = match (self.tile, target.cpu_with(&self.texels())) {
-            (WinogradTile::F2, true) => of(&contracts::WINOGRAD3X3_F2_CPU, &halves::WINOGRAD3X3_F2_CPU),
-            (WinogradTile::F2, false) => of(&contracts::WINOGRAD3X3_F2, &halves::WINOGRAD3X3_F2),
-            (WinogradTile::F4, true) => of(&contracts::WINOGRAD3X3_F4_CPU, &halves::WINOGRAD3X3_F4_CPU),
-            (WinogradTile::F4, false) => of(&contracts::WINOGRAD3X3_F4, &halves::WINOGRAD3X3_F4),
+        let contract = match self.tile {
+            WinogradTile::F2 => of(&contracts::WINOGRAD3X3_F2, &halves::WINOGRAD3X3_F2),
+            WinogradTile::F4 => of(&contracts::WINOGRAD3X3_F4, &halves::WINOGRAD3X3_F4),
         };
         // Of 64 invocations, each with so many outputs of a tile's 64.
         let tiles_a_group = self.tile.outputs().pow(2) * contract.define("TX") as u32;
@@ -88,9 +86,5 @@ impl Kernel for Winograd3x3 {
         let points = u64::from(self.tile.inputs().pow(2));
         let weights = (u64::from(self.conv.src.channels) * points + 1) * u64::from(self.conv.channels) * 4;
         self.conv.others_with(weights)
-    }
-
-    fn texels(&self) -> Vec<TexelRange> {
-        self.conv.texels()
     }
 }
