@@ -1,4 +1,5 @@
-//! Compiles every kernel variant of `src/kernels/contracts.rs` with shaderc, and reads off it what the host needs to know.
+//! Compiles every kernel variant of `src/kernels/contracts.rs` with shaderc, and reads off it what the host needs to
+//! know.
 
 use crate::kernels::contract::{Contract, Module, Sharing};
 use crate::kernels::contracts;
@@ -10,7 +11,8 @@ use std::fs;
 use std::hash::{Hash, Hasher};
 use std::path::Path;
 
-/// Writes `spirv.rs`, the modules with their interfaces, a file of words for each module, and `pushes.rs`, the push constants.
+/// Writes `spirv.rs`, the modules with their interfaces, a file of words for each module, and `pushes.rs`, the push
+/// constants.
 ///
 /// # Errors
 /// A shader that does not compile, or whose interface the host cannot meet; a file that cannot be written.

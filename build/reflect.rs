@@ -18,7 +18,8 @@ impl Interface {
     /// Reads them off a module that has its names.
     ///
     /// # Errors
-    /// Where the host cannot give what the shader declares, or its specialisation constants are not those of the contract.
+    /// Where the host cannot give what the shader declares, or its specialisation constants are not those of the
+    /// contract.
     pub fn new(contract: &Contract, words: &[u32]) -> Result<Self, String> {
         let refused = |reason: String| format!("variant {} (glsl/{}): {reason}", contract.name, contract.source);
         let entry_points = ReflectConfig::new()
@@ -73,9 +74,9 @@ const OP_TYPE_COOPERATIVE_MATRIX: u32 = 4456;
 /// Words before the first instruction.
 const HEADER: usize = 5;
 
-/// The module with cooperative matrices declared as vectors, and every size that is computed of specialisation constants as
-/// any number: the reflection knows no matrices and computes little, and looks only at what lies outside of the functions that use
-/// them.
+/// The module with cooperative matrices declared as vectors, and every size that is computed of specialisation
+/// constants as any number: the reflection knows no matrices and computes little, and looks only at what lies outside
+/// of the functions that use them.
 fn without_matrices(words: &[u32]) -> Vec<u32> {
     let (header, mut rest) = words.split_at(HEADER.min(words.len()));
     let mut out = header.to_vec();

@@ -1,9 +1,10 @@
-// The projection of albedo, normal and depth as one kernel on cooperative matrices, maps of halves: three steps of a pointwise
-// convolution, a depthwise 3x3 convolution and a LeakyReLU, each of the one before, and a pointwise convolution with a LeakyReLU of
-// the three results side by side. A workgroup computes 16x4 tokens.
+// The projection of albedo, normal and depth as one kernel on cooperative matrices, maps of halves: three steps of a
+// pointwise convolution, a depthwise 3x3 convolution and a LeakyReLU, each of the one before, and a pointwise
+// convolution with a LeakyReLU of the three results side by side. A workgroup computes 16x4 tokens.
 //
-// Two maps in shared memory hold what the steps make, as far around the tokens as the later steps reach: a pointwise convolution
-// reads `steps` and writes `mixed`, without its bias; a depthwise one goes back. What lies beyond the frame is zero to it.
+// Two maps in shared memory hold what the steps make, as far around the tokens as the later steps reach: a pointwise
+// convolution reads `steps` and writes `mixed`, without its bias; a depthwise one goes back. What lies beyond the frame
+// is zero to it.
 #version 460
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"
@@ -82,7 +83,8 @@ void pointwise(Weights weights, const uint tokens, const uint depth, const uint 
 
 const uint RUN = 2u;                             // rows of results of an invocation at a time
 
-// Step i's depthwise convolution and activation, of mixed to steps. An invocation makes RUN rows of a token's four channels.
+// Step i's depthwise convolution and activation, of mixed to steps. An invocation makes RUN rows of a token's four
+// channels.
 void depthwise(Weights bias_before, Weights weights, const uint i, uvec2 origin) {
     const uint VECTORS = CHANNELS / 4u;
     const uint from_width = width_of(i), to_width = width_of(i) - 2u, to_height = height_of(i) - 2u;
@@ -174,7 +176,8 @@ void main() {
     barrier();
     add_results(out_2, 2u);
 
-    // The sums go through the shared memory of `mixed`, which nobody reads any more, because the bias depends on the channel.
+    // The sums go through the shared memory of `mixed`, which nobody reads any more, because the bias depends on the
+    // channel.
     const uint SUMS_STRIDE = CHANNELS / 4u + 1u;
     [[unroll]] for (uint r = 0u; r < RESULTS; ++r) {
         uint at = gl_SubgroupID * RESULTS + r;

@@ -1,5 +1,5 @@
-// Dense 3x3 convolution, zero padding, stride STRIDE, with its epilogue: act(film(sum + bias) + residual), stored plain,
-// pixel-shuffled or pixel-unshuffled.
+// Dense 3x3 convolution, zero padding, stride STRIDE, with its epilogue: act(film(sum + bias) + residual), stored
+// plain, pixel-shuffled or pixel-unshuffled.
 #version 460
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"
@@ -40,9 +40,9 @@ layout(push_constant) uniform Push {
 const uint LANES_X = 8 / TX;
 const uint LANES = 64 / PIXELS;                // invocations per tile
 
-// Three taps of a row share what they load. ROLLED keeps a turn of the loop to one tap, as CPU drivers take longer over a
-// turn of three, and all nine taps share by moving on what was loaded. BY_TAP loads for every tap anew, in one loop of less
-// code, which at a stride of 2, where taps share less, is faster.
+// Three taps of a row share what they load. ROLLED keeps a turn of the loop to one tap, as CPU drivers take longer over
+// a turn of three, and all nine taps share by moving on what was loaded. BY_TAP loads for every tap anew, in one loop
+// of less code, which at a stride of 2, where taps share less, is faster.
 #ifndef BY_TAP
 const int PATCH_X = (TX - 1) * STRIDE + 3;
 vec4 row[TY * PATCH_X];
@@ -123,9 +123,10 @@ void main() {
     }
 #endif
 #if defined(BROADCAST) && SHARING == 8 && !defined(DST_F16)
-    // Two vectors of eight sums are stored as one of eight 64-bit words. A sum that is stored as it is would be a part of those from
-    // the start: lavapipe's compiler keeps it so through the whole loop, in twice the room. A factor of 1 that it cannot know
-    // keeps them apart. (Halves are packed first, sixteen lanes fill a register by themselves, and Mesa 22.3's takes longer so.)
+    // Two vectors of eight sums are stored as one of eight 64-bit words. A sum that is stored as it is would be a part
+    // of those from the start: lavapipe's compiler keeps it so through the whole loop, in twice the room. A factor of 1
+    // that it cannot know keeps them apart. (Halves are packed first, sixteen lanes fill a register by themselves, and
+    // Mesa 22.3's takes longer so.)
     if ((EPILOGUE & ~FLAG_SHUFFLE) == 0u) {
         [[unroll]] for (int i = 0; i < PIXELS * NV; ++i) accumulators[i] *= live ? 1.0 : 0.0;
     }

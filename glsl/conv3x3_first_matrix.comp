@@ -1,5 +1,6 @@
-// Dense 3x3 convolution of a map of four channels of 32-bit floats, zero padding, on cooperative matrices, the factors rounded to
-// halves, the sums in 32-bit floats; with the epilogue of the other convolutions. The nine taps of a token are its row of inputs.
+// Dense 3x3 convolution of a map of four channels of 32-bit floats, zero padding, on cooperative matrices, the factors
+// rounded to halves, the sums in 32-bit floats; with the epilogue of the other convolutions. The nine taps of a token
+// are its row of inputs.
 #version 460
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"

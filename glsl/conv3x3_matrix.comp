@@ -1,9 +1,9 @@
-// Dense 3x3 convolution of halves, zero padding, stride STRIDE, on cooperative matrices, the sums in 32-bit floats; with the
-// epilogue of the other convolutions.
+// Dense 3x3 convolution of halves, zero padding, stride STRIDE, on cooperative matrices, the sums in 32-bit floats;
+// with the epilogue of the other convolutions.
 //
-// The inputs of one column of taps, kx, are staged as rows of eight tokens that lie STRIDE apart. So the tokens of a tile follow
-// one another for every ky, and a matrix of any number of rows begins at any of them. For stride 2 the even rows come before
-// the odd ones: then a tile's rows follow one another too.
+// The inputs of one column of taps, kx, are staged as rows of eight tokens that lie STRIDE apart. So the tokens of a
+// tile follow one another for every ky, and a matrix of any number of rows begins at any of them. For stride 2 the even
+// rows come before the odd ones: then a tile's rows follow one another too.
 #version 460
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"

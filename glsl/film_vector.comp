@@ -1,7 +1,7 @@
 // The mean of all tokens from its partial sums, and the matrix that makes [gamma | beta] of it. One workgroup.
 //
-// Where only some tokens were computed, those of denoised squares count once, and those of sampled quiet squares as often as it takes
-// to stand for all quiet ones; where none was sampled, the denoised ones stand for all.
+// Where only some tokens were computed, those of denoised squares count once, and those of sampled quiet squares as
+// often as it takes to stand for all quiet ones; where none was sampled, the denoised ones stand for all.
 #version 460
 #include "shared/storage.glsl"
 

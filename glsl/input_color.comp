@@ -1,6 +1,6 @@
 // Colour to the network's input: samples mended, exposed, log1p, padded by reflection. The fourth channel, which has no
-// weights, tells what goes around the network: 0 nothing, else 1 and log1p of what samples that are not finite count for;
-// negative in a lamp of +Inf, which is nothing else in the result either.
+// weights, tells what goes around the network: 0 nothing, else 1 and log1p of what samples that are not finite count
+// for; negative in a lamp of +Inf, which is nothing else in the result either.
 #version 460
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"

@@ -1,8 +1,8 @@
-// What kernels are predicted from, 32 numbers a pixel, and what their taps read: the reliability times the image, and the
-// reliability.
+// What kernels are predicted from, 32 numbers a pixel, and what their taps read: the reliability times the image, and
+// the reliability.
 //
-// A workgroup works on 8x8 tokens of 2x2 pixels. An invocation works on TX tokens in a row, in each on the pixel of one phase: the
-// four phases take weights of their own.
+// A workgroup works on 8x8 tokens of 2x2 pixels. An invocation works on TX tokens in a row, in each on the pixel of one
+// phase: the four phases take weights of their own.
 #version 460
 #extension GL_EXT_control_flow_attributes : require
 #include "shared/storage.glsl"

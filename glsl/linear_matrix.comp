@@ -1,7 +1,8 @@
 // Pointwise (1x1) convolution of one or two concatenated maps of halves on cooperative matrices:
 // act(film(W [a|b] + bias) + residual), the sums in 32-bit floats.
 //
-// NORM: every token of the one map is brought to mean 0 and variance 1 over its channels first; gain and bias are in the weights.
+// NORM: every token of the one map is brought to mean 0 and variance 1 over its channels first; gain and bias are in
+// the weights.
 #version 460
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"

@@ -1,7 +1,7 @@
-// Pointwise convolution with its inputs held: act(film(W [a|b] + bias) + residual), 4*INPUTS input channels, of one map or
-// with TWO_SOURCES of two. An invocation loads all channels of its TX x TY tokens once, then makes four outputs after
-// another from them. Where glsl/linear.comp holds the sums and streams the inputs, no sum lives here longer than a turn
-// of the loop: CPU drivers keep a mask for every loop, by which they select and store whatever a turn changes.
+// Pointwise convolution with its inputs held: act(film(W [a|b] + bias) + residual), 4*INPUTS input channels, of one map
+// or with TWO_SOURCES of two. An invocation loads all channels of its TX x TY tokens once, then makes four outputs
+// after another from them. Where glsl/linear.comp holds the sums and streams the inputs, no sum lives here longer than
+// a turn of the loop: CPU drivers keep a mask for every loop, by which they select and store whatever a turn changes.
 //
 // NORM: every token is brought to mean 0 and variance 1 over its channels first; gain and bias are in the weights.
 #version 460
@@ -18,8 +18,8 @@ TEXELS_OF(2, film)
 TEXELS_OF(3, residual)
 TEXELS_OF(4, src_b)
 
-// Input channels whose weights are loaded at a time. All at once are more than the registers hold; fewer are faster where
-// lanes share by broadcast among eight, slower elsewhere (docs/lavapipe.md).
+// Input channels whose weights are loaded at a time. All at once are more than the registers hold; fewer are faster
+// where lanes share by broadcast among eight, slower elsewhere (docs/lavapipe.md).
 #if defined(BROADCAST) && SHARING == 8
 const int CHUNK = min(4 * INPUTS, 16);
 #else

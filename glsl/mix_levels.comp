@@ -1,5 +1,5 @@
-// The levels of predicted kernels to one picture: enlarged bilinearly, mixed by their shares, times the albedo; GATED: mixed with the
-// network's own estimate, in the logarithm. Exposed radiance.
+// The levels of predicted kernels to one picture: enlarged bilinearly, mixed by their shares, times the albedo; GATED:
+// mixed with the network's own estimate, in the logarithm. Exposed radiance.
 #version 460
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"

@@ -81,8 +81,8 @@ float linear_color(float log_value, float inverse_exposure) {
     return unexposed(expm1(min(log_value, MAX_LOG)), inverse_exposure);
 }
 
-// The result with what of the caller's own pixel the network was not given: `taken` is what it was, `otherwise` what counts for
-// samples that are not finite. +Inf of a lamp is that and nothing else.
+// The result with what of the caller's own pixel the network was not given: `taken` is what it was, `otherwise` what
+// counts for samples that are not finite. +Inf of a lamp is that and nothing else.
 vec3 with_light_around(vec3 color, uvec2 at, vec3 taken, float otherwise, bool lamp) {
     vec3 own = read_color(at);
     vec3 light = mix(vec3(otherwise), light_of(own), are_finite(own));

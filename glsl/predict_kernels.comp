@@ -1,8 +1,8 @@
-// The kernels of every pixel, predicted and applied at full size: nothing of what is predicted but the other levels' shares goes to
-// memory.
+// The kernels of every pixel, predicted and applied at full size: nothing of what is predicted but the other levels'
+// shares goes to memory.
 //
-// An invocation works on TX pixels in a row. On GPUs what taps read lies in shared memory; CPU drivers read that more slowly than
-// texels.
+// An invocation works on TX pixels in a row. On GPUs what taps read lies in shared memory; CPU drivers read that more
+// slowly than texels.
 #version 460
 #extension GL_EXT_control_flow_attributes : require
 #include "shared/storage.glsl"
@@ -37,13 +37,14 @@ layout(push_constant) uniform Push {
 
 const uint LANES_X = 8 / TX;
 const uint LANES = 64 / TX;                    // invocations per tile
-// Outputs: 25 logits, nine of the albedo's kernel from the eighth vector on, five shares and the gate from the eleventh on.
+// Outputs: 25 logits, nine of the albedo's kernel from the eighth vector on, five shares and the gate from the eleventh
+// on.
 const uint ALBEDO_AT = 7u;
 const uint SHARES_AT = 10u;
 const uint VECTORS = 12u;
 
-// What a tap at `at` reads: the reliability times the image, and the reliability; of the albedo what the radiance is divided by,
-// and 1. Zeros outside the frame.
+// What a tap at `at` reads: the reliability times the image, and the reliability; of the albedo what the radiance is
+// divided by, and 1. Zeros outside the frame.
 vec4 load_tap(ivec2 at, bool of_albedo) {
     bool inside = min(at.x, at.y) >= 0 && at.x < int(width) && at.y < int(height);
     uvec2 clamped = uvec2(clamp(at, ivec2(0), ivec2(width, height) - 1));

@@ -1,5 +1,5 @@
-// Which squares of 16x16 pixels are to be denoised, and how many of them lie above and left of every corner, so that four loads
-// tell whether there is one in a rectangle. One workgroup.
+// Which squares of 16x16 pixels are to be denoised, and how many of them lie above and left of every corner, so that
+// four loads tell whether there is one in a rectangle. One workgroup.
 #version 460
 #include "shared/storage.glsl"
 #include "shared/quiet.glsl"

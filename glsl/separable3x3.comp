@@ -1,6 +1,6 @@
-// A depthwise 3x3 convolution with its activation and the pointwise convolution after it, in one: act(film(W inner + bias) +
-// residual), inner = inner_act(depthwise3x3(src) + its bias), zero padding. What is between them never reaches memory;
-// every tile of output channels computes it again.
+// A depthwise 3x3 convolution with its activation and the pointwise convolution after it, in one: act(film(W inner +
+// bias) + residual), inner = inner_act(depthwise3x3(src) + its bias), zero padding. What is between them never reaches
+// memory; every tile of output channels computes it again.
 #version 460
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"

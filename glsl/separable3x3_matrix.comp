@@ -1,5 +1,6 @@
-// Depthwise 3x3 convolution (zero padding, bias, activation) and the pointwise convolution after it as one, maps of halves: the
-// depthwise sums are made in 32-bit floats, block by block of channels, and rounded to halves for the matrices.
+// Depthwise 3x3 convolution (zero padding, bias, activation) and the pointwise convolution after it as one, maps of
+// halves: the depthwise sums are made in 32-bit floats, block by block of channels, and rounded to halves for the
+// matrices.
 #version 460
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"
@@ -45,8 +46,8 @@ vec4 row_sum(vec4 row[3], vec4 taps[9], const uint ky) {
     return taps[3u * ky] * row[0] + taps[3u * ky + 1u] * row[1] + taps[3u * ky + 2u] * row[2];
 }
 
-// Stages the depthwise results of a tile for the inputs from vector `first` on: an invocation goes down a column of tokens, four
-// channels wide, and adds every row that it loads to the three results that it touches.
+// Stages the depthwise results of a tile for the inputs from vector `first` on: an invocation goes down a column of
+// tokens, four channels wide, and adds every row that it loads to the three results that it touches.
 void stage(uint rows, uvec2 origin, uint first) {
     for (uint i = tile_lane; i < 8u * VECTORS; i += TILE_LANES) {
         uint part = i % VECTORS, x = i / VECTORS;

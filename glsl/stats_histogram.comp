@@ -1,6 +1,7 @@
 // A histogram of luminance (FLAG_COLOR) or depth (FLAG_DEPTH) by the upper bits of the float. Integer counts: any order
-// gives the same bits. A workgroup counts its pixels in shared memory, where they fall into the bins that pixels mostly fall into,
-// and adds what it has counted: one atomic operation in memory for each pixel would wait for the others of its bin.
+// gives the same bits. A workgroup counts its pixels in shared memory, where they fall into the bins that pixels mostly
+// fall into, and adds what it has counted: one atomic operation in memory for each pixel would wait for the others of
+// its bin.
 #version 460
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"

@@ -1,4 +1,5 @@
-// The median luminance, or the 99.9th percentile of depth, from its histogram, interpolated within a bin. One workgroup.
+// The median luminance, or the 99.9th percentile of depth, from its histogram, interpolated within a bin. One
+// workgroup.
 #version 460
 #include "shared/storage.glsl"
 #include "shared/stats.glsl"

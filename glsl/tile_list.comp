@@ -1,5 +1,5 @@
-// The active tiles of one resolution, row by row, the others that are read, and the workgroups of the kernels that run over either
-// list. One workgroup; positions come from sums in a fixed order.
+// The active tiles of one resolution, row by row, the others that are read, and the workgroups of the kernels that run
+// over either list. One workgroup; positions come from sums in a fixed order.
 #version 460
 #include "shared/storage.glsl"
 #include "shared/quiet.glsl"
@@ -12,8 +12,8 @@ layout(push_constant) uniform Push {
     Uints idle;           // the same
     Uints groups;         // x, y, z by tiles a group (1, 2, 4, 8, 16) and by y; last for the idle
     Uints counts;
-    // How far a tile looks on the map, by its place among eight squares, for being active and for being read: back | on << 8 |
-    // back << 16 | on << 24.
+    // How far a tile looks on the map, by its place among eight squares, for being active and for being read: back | on
+    // << 8 | back << 16 | on << 24.
     uint reach_0;
     uint reach_1;
     uint reach_2;

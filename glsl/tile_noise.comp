@@ -1,9 +1,10 @@
-// The relative noise of every square of 16x16 pixels: from the renderer's variance or sample counts where it gives them, else
-// from the frame itself. One group a square.
+// The relative noise of every square of 16x16 pixels: from the renderer's variance or sample counts where it gives
+// them, else from the frame itself. One group a square.
 //
-// From the frame: the second difference in both directions of log(exposed + floor), which is 0 for everything that is linear in
-// x or in y, and of six times the deviation of noise (Immerkaer, "Fast Noise Variance Estimation", 1996). Its root mean square
-// over 8x8 pixels, the largest of the four and of the channels: texture counts as noise, and a single noisy pixel shows.
+// From the frame: the second difference in both directions of log(exposed + floor), which is 0 for everything that is
+// linear in x or in y, and of six times the deviation of noise (Immerkaer, "Fast Noise Variance Estimation", 1996). Its
+// root mean square over 8x8 pixels, the largest of the four and of the channels: texture counts as noise, and a single
+// noisy pixel shows.
 #version 460
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"

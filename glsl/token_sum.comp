@@ -1,6 +1,6 @@
-// Sums of runs of tokens, one workgroup a run: its invocations take four channels each of every n-th token, and their sums are added in
-// a fixed order. Only tokens that hold pixels of the unpadded frame count; where quiet squares
-// are left out, those of denoised squares, and in sums of their own those of the quiet squares that stand for the others.
+// Sums of runs of tokens, one workgroup a run: its invocations take four channels each of every n-th token, and their
+// sums are added in a fixed order. Only tokens that hold pixels of the unpadded frame count; where quiet squares are
+// left out, those of denoised squares, and in sums of their own those of the quiet squares that stand for the others.
 #version 460
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"

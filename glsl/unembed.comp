@@ -1,5 +1,5 @@
-// Tokens of 2x2 pixels to pixels of three channels: a 3x3 convolution, a pixel shuffle and another 3x3 convolution as one sum
-// over 4x4 tokens for every pixel. An invocation computes one row of pixels of TX tokens in a row.
+// Tokens of 2x2 pixels to pixels of three channels: a 3x3 convolution, a pixel shuffle and another 3x3 convolution as
+// one sum over 4x4 tokens for every pixel. An invocation computes one row of pixels of TX tokens in a row.
 //
 // On the frame's border the second convolution reads zeros, so that the sums there have weights of their own. Every set
 // of weights that a token nearby needs is gone through by all, and every token stores the result of its own.

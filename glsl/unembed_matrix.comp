@@ -1,9 +1,9 @@
-// Tokens of 2x2 pixels, maps of halves, to pixels of three channels on cooperative matrices: a 3x3 convolution, a pixel shuffle and
-// another 3x3 convolution as one sum over 5x5 tokens for the four pixels of a token, four outputs each.
+// Tokens of 2x2 pixels, maps of halves, to pixels of three channels on cooperative matrices: a 3x3 convolution, a pixel
+// shuffle and another 3x3 convolution as one sum over 5x5 tokens for the four pixels of a token, four outputs each.
 //
-// The inputs of one column of taps are staged as rows of eight tokens, as in conv3x3_matrix.comp. On the frame's border the second
-// convolution reads zeros, so that the sums there have weights of their own: a workgroup goes through every set of weights that one
-// of its tokens needs, and every token stores the result of its own.
+// The inputs of one column of taps are staged as rows of eight tokens, as in conv3x3_matrix.comp. On the frame's border
+// the second convolution reads zeros, so that the sums there have weights of their own: a workgroup goes through every
+// set of weights that one of its tokens needs, and every token stores the result of its own.
 #version 460
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"
@@ -33,7 +33,8 @@ const uint VECTORS = INPUTS / 8u;               // of eight halves
 const uint TOKEN = VECTORS + 1u;
 const uint SOURCE_ROWS = 7u + TAPS;
 const uint STAGED_INPUTS = TILES * SOURCE_ROWS * 8u * TOKEN;
-// The weights come straight from memory: staged with the inputs they leave room for half as many of these, which took twice as long.
+// The weights come straight from memory: staged with the inputs they leave room for half as many of these, which took
+// twice as long.
 const uint STAGED_BLOCKS = 0u;
 const uint bias_vectors = 1u;
 const uint dst_channels = OUTPUTS / 4u;
@@ -78,8 +79,8 @@ void load_rows(Halves weights, uint at, out MatrixB columns[COLUMN_TILES]) {
     }
 }
 
-// sums += the products of one column of taps; the weights of its first tap begin at `at`, those of the next ones `row_of_taps`
-// further each.
+// sums += the products of one column of taps; the weights of its first tap begin at `at`, those of the next ones
+// `row_of_taps` further each.
 void multiply_column(uint rows, Halves weights, uint at, uint row_of_taps) {
     // Rows of matrices begin at every row of tokens; each serves up to five taps.
     const uint STEP = ROWS / 8u;

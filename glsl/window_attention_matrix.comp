@@ -1,5 +1,6 @@
-// Joint attention of one 8x8 window and one head, maps of halves, on cooperative matrices: a subgroup computes sixteen queries.
-// Scores, their product and the exponentials are 32-bit floats; queries, keys, values and probabilities are halves.
+// Joint attention of one 8x8 window and one head, maps of halves, on cooperative matrices: a subgroup computes sixteen
+// queries. Scores, their product and the exponentials are 32-bit floats; queries, keys, values and probabilities are
+// halves.
 #version 460
 #extension GL_KHR_shader_subgroup_shuffle : require
 #include "shared/storage.glsl"
@@ -63,7 +64,8 @@ void stage(Vectors from, uint stride, uint first, uint to, uint to_stride, const
     }
 }
 
-// Scores of this subgroup's queries and sixteen or so keys, from the queries staged at `queries` and the keys behind them.
+// Scores of this subgroup's queries and sixteen or so keys, from the queries staged at `queries` and the keys behind
+// them.
 MatrixSum scores_of(uint queries, uint m, uint n) {
     MatrixSum sum = MatrixSum(0.0);
     [[unroll]] for (uint k = 0u; k < DEPTH_KEYS; k += DEPTH) {
@@ -129,7 +131,8 @@ void main() {
     }
     barrier();
 
-    // Softmax: SHARE invocations own a row; the order is fixed, so are the bits. The results are divided by the sum at the end.
+    // Softmax: SHARE invocations own a row; the order is fixed, so are the bits. The results are divided by the sum at
+    // the end.
     uint part = gl_SubgroupInvocationID % SHARE * EACH;
     for (uint row = gl_SubgroupInvocationID / SHARE; row < QUERIES; row += LANES / SHARE) {
         uint from = own + row * SCORE_STRIDE;

@@ -1,6 +1,6 @@
-// Joint attention of one 8x8 window and one head, for CPU drivers: an invocation has QUERIES rows of the scores, and goes
-// over the keys once, eight at a time: a lane of the subgroup loads one key and hands it to the others. The softmax is
-// rescaled as it goes (Milakov and Gimelshein, "Online normalizer calculation for softmax", 2018), so that
+// Joint attention of one 8x8 window and one head, for CPU drivers: an invocation has QUERIES rows of the scores, and
+// goes over the keys once, eight at a time: a lane of the subgroup loads one key and hands it to the others. The
+// softmax is rescaled as it goes (Milakov and Gimelshein, "Online normalizer calculation for softmax", 2018), so that
 // scores are never stored.
 #version 460
 #extension GL_EXT_control_flow_attributes : require

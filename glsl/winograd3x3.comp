@@ -1,6 +1,6 @@
-// Dense 3x3 convolution, zero padding, stride 1, by Winograd's minimal filtering F(OUT x OUT, 3x3) (Lavin and Gray, "Fast
-// Algorithms for Convolutional Neural Networks", 2015): A^T [sum over inputs of (G g G^T) * (B^T d B)] A. The weights come
-// transformed. With the epilogue of conv3x3.comp.
+// Dense 3x3 convolution, zero padding, stride 1, by Winograd's minimal filtering F(OUT x OUT, 3x3) (Lavin and Gray,
+// "Fast Algorithms for Convolutional Neural Networks", 2015): A^T [sum over inputs of (G g G^T) * (B^T d B)] A. The
+// weights come transformed. With the epilogue of conv3x3.comp.
 //
 // An invocation keeps its tiles' sums at all points in registers: TX tiles side by side, 4 * NV output channels.
 #version 460

@@ -1,5 +1,5 @@
-//! Descriptor sets of a pass: the renderer's images, and texel buffers over the arena and the weights for the kernels of
-//! CPU drivers. Written once, before anything is recorded; never updated.
+//! Descriptor sets of a pass: the renderer's images, and texel buffers over the arena and the weights for the kernels
+//! of CPU drivers. Written once, before anything is recorded; never updated.
 
 use crate::error::Result;
 use crate::kernels::contract::{BindingType, Contract};

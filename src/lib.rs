@@ -48,7 +48,8 @@
 //! absurd lone pixels are mended and stay local; lamps and suns keep their energy; fireflies are a choice
 //! ([`Fireflies`]). All types are `Send` and `Sync`; what records or runs takes `&self` or `&mut self` as its doc says.
 
-/// Modules that are the library's own; the feature `internals` shows them to its tools and tests. They change without notice.
+/// Modules that are the library's own; the feature `internals` shows them to its tools and tests. They change without
+/// notice.
 macro_rules! internals {
     ($($name:ident)*) => {
         $(

@@ -4,8 +4,8 @@ use crate::error::{Error, Result};
 use crate::frame::Extent;
 use crate::plan::Plan;
 
-/// Floats of a pixel in the host path's staging memory: colour, albedo, normal, depth, each plane by itself; where quiet tiles
-/// are left out, one more for noise.
+/// Floats of a pixel in the host path's staging memory: colour, albedo, normal, depth, each plane by itself; where
+/// quiet tiles are left out, one more for noise.
 const INPUT_FLOATS: u64 = 10;
 /// Floats of a pixel that come back.
 const OUTPUT_FLOATS: u64 = 3;

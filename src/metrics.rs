@@ -46,8 +46,8 @@ impl<'a> Comparison<'a> {
         decibel(255.0, self.image.iter().zip(self.reference).map(square).sum::<f64>() / self.image.len() as f64)
     }
 
-    /// Structural similarity of the 8-bit images, at most 1: Gaussian window of 11 x 11 pixels and sigma 1.5, only where
-    /// it fits whole, biased variances, `K1` 0.01, `K2` 0.03, mean over pixels and channels.
+    /// Structural similarity of the 8-bit images, at most 1: Gaussian window of 11 x 11 pixels and sigma 1.5, only
+    /// where it fits whole, biased variances, `K1` 0.01, `K2` 0.03, mean over pixels and channels.
     ///
     /// `None` if a side is below [`SSIM_WINDOW`]: a shrunken window would give figures that compare with no others.
     pub fn ssim(&self) -> Option<f64> {

@@ -39,8 +39,9 @@ pub struct PartRunner {
 }
 
 impl PartRunner {
-    /// Plans `graph` for maps of `extent` tokens and puts it on the device. `target` chooses among lowerings; its limit on
-    /// memory is lowered to the device's own, and `precision`, as in [`crate::Options`], says how maps are stored and what computes.
+    /// Plans `graph` for maps of `extent` tokens and puts it on the device. `target` chooses among lowerings; its limit
+    /// on memory is lowered to the device's own, and `precision`, as in [`crate::Options`], says how maps are stored
+    /// and what computes.
     ///
     /// # Errors
     /// As [`crate::Denoiser::new`] and [`crate::Denoiser::pass`]; [`crate::Error::Binding`] on a renderer's device.

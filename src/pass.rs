@@ -27,8 +27,8 @@ use std::sync::atomic::{AtomicU64, Ordering};
 /// The denoiser for one frame size: its plan, and the arena of its feature maps. Made by [`crate::Denoiser::pass`].
 ///
 /// `Send` and `Sync`. A renderer makes one when its frame size is known, binds its buffers or images once, and records
-/// every frame. Frames in flight may share it as long as they are submitted to one queue. Drop it (and its bindings) only
-/// when the GPU has finished with it, like any Vulkan object.
+/// every frame. Frames in flight may share it as long as they are submitted to one queue. Drop it (and its bindings)
+/// only when the GPU has finished with it, like any Vulkan object.
 pub struct Pass {
     engine: Arc<Engine>,
     plan: Plan,
@@ -37,8 +37,8 @@ pub struct Pass {
     id: u64,
 }
 
-/// The renderer's planes, resolved for the [`Pass`] that made it: no other records it. `Send` and `Sync`; it must outlive the
-/// recorded commands.
+/// The renderer's planes, resolved for the [`Pass`] that made it: no other records it. `Send` and `Sync`; it must
+/// outlive the recorded commands.
 pub struct Binding {
     // Before the pipelines, whose set layouts it uses.
     sets: DescriptorSets,
@@ -81,8 +81,8 @@ impl Pass {
         &self.plan
     }
 
-    /// The share of the FLOPs of a whole frame with all features that a recording does, from 0 to 1; where quiet tiles are
-    /// left out, with these active tiles, or with all where there is no saying yet.
+    /// The share of the FLOPs of a whole frame with all features that a recording does, from 0 to 1; where quiet tiles
+    /// are left out, with these active tiles, or with all where there is no saying yet.
     ///
     /// # Errors
     /// [`Error::InvalidOption`] as [`Pass::record`].
@@ -98,8 +98,9 @@ impl Pass {
         work.flops(active) / Work::of(&self.plan.dispatches).flops(None).max(1.0)
     }
 
-    /// Where a recording tells which tiles it worked on ([`crate::Options::quiet`]): buffer, first byte, bytes. Written in
-    /// `COMPUTE_SHADER`; it can be copied from. [`Pass::active_tiles`] says what the copy means. `None` where nothing is left out.
+    /// Where a recording tells which tiles it worked on ([`crate::Options::quiet`]): buffer, first byte, bytes. Written
+    /// in `COMPUTE_SHADER`; it can be copied from. [`Pass::active_tiles`] says what the copy means. `None` where
+    /// nothing is left out.
     pub fn activity_buffer(&self) -> Option<(vk::Buffer, u64, u64)> {
         self.plan.quiet.as_ref().map(|quiet| self.location(quiet.buffer))
     }
@@ -137,7 +138,8 @@ impl Pass {
         Ok(dispatches)
     }
 
-    /// A profiler of this pass's recordings, of `slots` slots, at least 1: one for each recording that may be in flight at once.
+    /// A profiler of this pass's recordings, of `slots` slots, at least 1: one for each recording that may be in flight
+    /// at once.
     ///
     /// # Errors
     /// [`Error::Unsupported`] where kernels cannot be timed ([`crate::Device::has_timestamps`]);
@@ -150,8 +152,8 @@ impl Pass {
     /// Resolves a frame in the renderer's buffers. Not for the frame's hot path: it may compile kernels.
     ///
     /// # Errors
-    /// [`Error::PlaneMismatch`]; [`Error::Unsupported`] where the output's samples are halves and the device cannot write
-    /// them; [`Error::Vulkan`].
+    /// [`Error::PlaneMismatch`]; [`Error::Unsupported`] where the output's samples are halves and the device cannot
+    /// write them; [`Error::Vulkan`].
     ///
     /// # Safety
     /// The buffers are valid, as their fields say, and belong to the device.
@@ -282,14 +284,15 @@ impl Pass {
     /// Records the pass into the renderer's command buffer. It does not submit, wait, allocate device memory or update
     /// anything.
     ///
-    /// * Before: the renderer has made its writes to the input planes visible to
-    ///   `VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT` / `VK_ACCESS_SHADER_READ_BIT`, and ordered earlier uses of the output plane
-    ///   before `COMPUTE_SHADER`. Images are in the layouts that they were bound with.
+    /// * Before: the renderer has made its writes to the input planes visible to `VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT`
+    ///   / `VK_ACCESS_SHADER_READ_BIT`, and ordered earlier uses of the output plane before `COMPUTE_SHADER`. Images
+    ///   are in the layouts that they were bound with.
     /// * First thing recorded: a barrier from compute to compute over the pass's own arena, so that frames in flight on
-    ///   one queue do not disturb each other.
-    ///   A buffer of [`Exposure::Buffer`] counts as an input plane, one of [`FrameOptions::statistics`] as an output.
-    /// * After: the output was written in `COMPUTE_SHADER` with `VK_ACCESS_SHADER_WRITE_BIT`; the renderer puts the barrier
-    ///   that its next use needs. Bound compute pipeline, compute descriptor set 0 and push constants have changed.
+    ///   one queue do not disturb each other. A buffer of [`Exposure::Buffer`] counts as an input plane, one of
+    ///   [`FrameOptions::statistics`] as an output.
+    /// * After: the output was written in `COMPUTE_SHADER` with `VK_ACCESS_SHADER_WRITE_BIT`; the renderer puts the
+    ///   barrier that its next use needs. Bound compute pipeline, compute descriptor set 0 and push constants have
+    ///   changed.
     ///
     /// # Errors
     /// [`Error::InvalidOption`], also where the region leaves the frame; [`Error::Binding`] where another pass made the
@@ -306,8 +309,8 @@ impl Pass {
     /// The same as [`Pass::record`], with a timestamp before and after every dispatch in `slot` of `profiler`.
     ///
     /// # Errors
-    /// As [`Pass::record`]; [`Error::Binding`] where the profiler was made for another pass; [`Error::InvalidOption`] where
-    /// it has no such slot.
+    /// As [`Pass::record`]; [`Error::Binding`] where the profiler was made for another pass; [`Error::InvalidOption`]
+    /// where it has no such slot.
     ///
     /// # Safety
     /// As [`Pass::record`]; the profiler lives until the commands have run, and no other recording of the slot is in
@@ -339,8 +342,8 @@ impl Pass {
         unsafe { self.record_part(commands, binding, options, &dispatches, all, profiled) }
     }
 
-    /// Records a part of what [`Pass::dispatches`] gave for the same binding, or of other dispatches of the pass's plan,
-    /// one for each of the binding's. The parts run in order, the first one begins with the first dispatch.
+    /// Records a part of what [`Pass::dispatches`] gave for the same binding, or of other dispatches of the pass's
+    /// plan, one for each of the binding's. The parts run in order, the first one begins with the first dispatch.
     ///
     /// # Safety
     /// As [`Pass::record_profiled`]; the binding is this pass's.

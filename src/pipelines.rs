@@ -35,8 +35,8 @@ impl Pipelines {
         Ok(self.of(&[(contract, Specialisation::default())])?.swap_remove(0))
     }
 
-    /// One pipeline for each dispatch, in order. Those that are not there yet are made side by side: a driver compiles each on
-    /// the thread that asks for it.
+    /// One pipeline for each dispatch, in order. Those that are not there yet are made side by side: a driver compiles
+    /// each on the thread that asks for it.
     ///
     /// # Errors
     /// [`Error::Unsupported`] where the device lacks what a variant needs; [`Error::Vulkan`].

@@ -27,8 +27,8 @@ impl Weights {
         Ok(Self::from_bytes(HYBRID.ok_or(WeightsError::NotBuiltIn)?)?)
     }
 
-    /// The trained Hybrid that predicts kernels, embedded in the library: every pixel of its result is an average of pixels of the
-    /// frame, of five sizes of neighbourhood, so that flat frames stay flat and texture stays sharp.
+    /// The trained Hybrid that predicts kernels, embedded in the library: every pixel of its result is an average of
+    /// pixels of the frame, of five sizes of neighbourhood, so that flat frames stay flat and texture stays sharp.
     ///
     /// # Errors
     /// [`WeightsError::NotBuiltIn`] without the feature `weights`.
@@ -37,8 +37,8 @@ impl Weights {
     }
 }
 
-/// Run time against error: which of the networks that ship, how its maps are stored, and whether what has converged is left as it
-/// is. A network of your own: [`Weights::from_file`].
+/// Run time against error: which of the networks that ship, how its maps are stored, and whether what has converged is
+/// left as it is. A network of your own: [`Weights::from_file`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Quality {
     /// The Hybrid, in halves; squares of 16x16 pixels with a relative noise below 0.02 keep the caller's colour.
@@ -65,18 +65,18 @@ impl Quality {
         }
     }
 
-    /// How the maps are stored on a device, for [`Options::precision`](crate::Options::precision): as suits it, and of the fastest
-    /// quality as halves on CPUs too, which can be told from 32-bit floats by no measure of the picture (`docs/pareto.md`) and
-    /// take less time (`docs/lavapipe.md`).
+    /// How the maps are stored on a device, for [`Options::precision`](crate::Options::precision): as suits it, and of
+    /// the fastest quality as halves on CPUs too, which can be told from 32-bit floats by no measure of the picture
+    /// (`docs/pareto.md`) and take less time (`docs/lavapipe.md`).
     pub fn precision(self, device: &Device) -> Precision {
         let caps = device.caps();
         let halves = self == Self::Fast && caps.kind == DeviceKind::Cpu && caps.meets(Need::Storage16);
         if halves { Precision::F16 } else { Precision::Auto }
     }
 
-    /// What it leaves out, for [`Options::quiet`](crate::Options::quiet). Over the noisy test frames that took at most 2 % more time
-    /// and changed nothing; where half of a frame has converged it saves about 0.4 of the time (`docs/pareto.md`,
-    /// `docs/skip.md`). As frames are not cut into bands then, large ones take more memory.
+    /// What it leaves out, for [`Options::quiet`](crate::Options::quiet). Over the noisy test frames that took at most
+    /// 2 % more time and changed nothing; where half of a frame has converged it saves about 0.4 of the time
+    /// (`docs/pareto.md`, `docs/skip.md`). As frames are not cut into bands then, large ones take more memory.
     pub fn quiet(self) -> Option<Quiet> {
         (self == Self::Fast).then(|| Quiet { threshold: 0.02, mode: QuietMode::default() })
     }

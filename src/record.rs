@@ -113,8 +113,8 @@ impl Recording<'_> {
         }
     }
 
-    /// Compute waits for compute: what was written can be read, what was read can be overwritten. With `indirect`, numbers of
-    /// workgroups too.
+    /// Compute waits for compute: what was written can be read, what was read can be overwritten. With `indirect`,
+    /// numbers of workgroups too.
     ///
     /// # Safety
     /// As [`Recording::record`].

@@ -134,8 +134,8 @@ pub struct ImagePlane {
     pub format: ImageFormat,
     /// Its size in pixels.
     pub extent: Extent,
-    /// The layout it will be in when the commands run: `GENERAL` or `SHADER_READ_ONLY_OPTIMAL` for inputs, `GENERAL` for
-    /// the output.
+    /// The layout it will be in when the commands run: `GENERAL` or `SHADER_READ_ONLY_OPTIMAL` for inputs, `GENERAL`
+    /// for the output.
     pub layout: vk::ImageLayout,
 }
 

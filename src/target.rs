@@ -19,8 +19,8 @@ pub struct Target {
     pub max_block_bytes: u64,
     /// Gives every buffer a place of its own, so that all can be looked at after a run.
     pub keep_all: bool,
-    /// Gives what depends on albedo, normal and depth alone, and is read by the rest, a place of its own: it can be used for
-    /// the next frame.
+    /// Gives what depends on albedo, normal and depth alone, and is read by the rest, a place of its own: it can be
+    /// used for the next frame.
     pub keep_features: bool,
     /// Whether it is a tile of a larger frame, which gives what is of the whole ([`crate::plan::tile`]): the places of
     /// that are kept for it. Not with `quiet` and `keep_features`.
@@ -39,14 +39,14 @@ pub struct Target {
     pub storage: Storage,
     /// What dense kernels compute with, where one on matrices takes their maps: those of halves.
     pub arithmetic: Arithmetic,
-    /// Bytes that a map between consecutive operations may take; where it would take more, they run band by band of the frame.
-    /// Not where quiet tiles are left out.
+    /// Bytes that a map between consecutive operations may take; where it would take more, they run band by band of the
+    /// frame. Not where quiet tiles are left out.
     pub max_chain_bytes: u64,
 }
 
-/// [`Target::max_chain_bytes`] where nothing is said. Smaller bands compute more twice, larger ones take more memory: 32-bit
-/// floats leave room in 2 GiB for a frame of 3840x2160, halves just fit 1 GiB. On matrices, whose kernels are short, each more
-/// dispatch counts.
+/// [`Target::max_chain_bytes`] where nothing is said. Smaller bands compute more twice, larger ones take more memory:
+/// 32-bit floats leave room in 2 GiB for a frame of 3840x2160, halves just fit 1 GiB. On matrices, whose kernels are
+/// short, each more dispatch counts.
 pub const fn max_chain_bytes(storage: Storage, arithmetic: Arithmetic) -> u64 {
     match (storage, arithmetic) {
         (Storage::F32, _) => 128 << 20,

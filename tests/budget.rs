@@ -20,8 +20,8 @@ use vkdenoise::{Denoiser, Extent, Frame, Layout, Options, PlaneMut, Precision, W
 
 /// What the network's residual may be wrong by: NMSE.
 const RESIDUAL_LIMIT: f64 = 1e-9;
-/// The same of maps of halves on matrices: what a kernel may be wrong by, for each of the seventy that follow one another in the
-/// Hybrid.
+/// The same of maps of halves on matrices: what a kernel may be wrong by, for each of the seventy that follow one
+/// another in the Hybrid.
 const MATRIX_RESIDUAL_LIMIT: f64 = 70.0 * MATRIX_LIMIT;
 
 #[test]

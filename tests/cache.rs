@@ -1,8 +1,8 @@
-//! What is not done again: compiled kernels are kept for the next process, whatever state the folder is in, each is made
-//! once, and a frame is recorded once.
+//! What is not done again: compiled kernels are kept for the next process, whatever state the folder is in, each is
+//! made once, and a frame is recorded once.
 //!
-//! lavapipe keeps nothing in a pipeline cache, so these tests put something there: what the driver is asked for and given is
-//! seen, the kernels themselves are its own.
+//! lavapipe keeps nothing in a pipeline cache, so these tests put something there: what the driver is asked for and
+//! given is seen, the kernels themselves are its own.
 
 mod common;
 

@@ -156,7 +156,8 @@ fn winograd3x3_of_2x2() {
     winograd(11, WinogradTile::F2).check("winograd3x3 of F(2x2)", KERNEL_LIMIT);
 }
 
-/// The transforms of six points grow rounding errors: by theory some tens of times in size where those of four do a few.
+/// The transforms of six points grow rounding errors: by theory some tens of times in size where those of four do a
+/// few.
 #[test]
 fn winograd3x3_of_4x4() {
     winograd(12, WinogradTile::F4).check("winograd3x3 of F(4x4)", KERNEL_LIMIT);

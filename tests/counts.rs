@@ -1,4 +1,5 @@
-//! Parameters and FLOPs of the ten networks, in the thesis's convention and true, are those of the thesis and of PyTorch.
+//! Parameters and FLOPs of the ten networks, in the thesis's convention and true, are those of the thesis and of
+//! PyTorch.
 
 use std::collections::BTreeMap;
 

@@ -204,7 +204,8 @@ fn networks_of_large_logits_give_sound_pictures() {
     assert_no_validation_messages();
 }
 
-/// Vectors all of one value have no variance: what remains is the bias. Nearly constant ones are as exact as their mean.
+/// Vectors all of one value have no variance: what remains is the bias. Nearly constant ones are as exact as their
+/// mean.
 #[test]
 fn layer_norm_without_variance() {
     let base = 32;

@@ -206,7 +206,8 @@ fn a_renderer_keeps_features() {
     renderer.assert_silent();
 }
 
-/// Denoises without features, and with planes of what stands for a missing one: 0, which as a normal is half of the range.
+/// Denoises without features, and with planes of what stands for a missing one: 0, which as a normal is half of the
+/// range.
 fn check_missing(weights: &Weights, extent: Extent, options: &Options) {
     let mut random = Random::new(u64::from(extent.width));
     let color = random.values(3 * extent.pixels() as usize, 0.0, 3.0);

@@ -1,4 +1,5 @@
-//! Every kernel of the network but its convolutions against its f64 twin, over random shapes, strides, channel ranges and lists of tiles.
+//! Every kernel of the network but its convolutions against its f64 twin, over random shapes, strides, channel ranges
+//! and lists of tiles.
 
 mod common;
 
@@ -159,8 +160,8 @@ fn linear() {
     }
 }
 
-/// Channels of both inputs and of the result, and whether the inputs are normed: every way to cut the work, the networks' own
-/// and such as leave subgroups and columns over.
+/// Channels of both inputs and of the result, and whether the inputs are normed: every way to cut the work, the
+/// networks' own and such as leave subgroups and columns over.
 const MATRIX_SHAPES: [(u32, u32, u32, bool); 18] = [
     (32, 0, 32, false),
     (64, 192, 256, false),

@@ -1,5 +1,5 @@
-//! Files of any bytes, for the loaders of weights and of EXR: an error or a sound result, never a panic, never much memory
-//! on a file's word. `fuzz/` has the same for unbounded runs.
+//! Files of any bytes, for the loaders of weights and of EXR: an error or a sound result, never a panic, never much
+//! memory on a file's word. `fuzz/` has the same for unbounded runs.
 #![cfg(feature = "exr")]
 
 #[path = "common/sound_files.rs"]

@@ -1,5 +1,6 @@
-//! Whole networks on cooperative matrices: how far from the f64 reference, the same bits every run, a choice of the caller's.
-//! They run where the device has matrices (`tools/lavapipe-matrix` brings a driver that does), and say so where not.
+//! Whole networks on cooperative matrices: how far from the f64 reference, the same bits every run, a choice of the
+//! caller's. They run where the device has matrices (`tools/lavapipe-matrix` brings a driver that does), and say so
+//! where not.
 
 mod common;
 
@@ -73,8 +74,8 @@ fn the_shipped_network_is_close_to_the_reference() {
     assert_no_validation_messages();
 }
 
-/// Random weights, with joint scores that span +-5 and every branch worth a tenth of its block: attention turns small errors
-/// of its scores into large ones of its result, in all of them and not in a few windows as trained weights do.
+/// Random weights, with joint scores that span +-5 and every branch worth a tenth of its block: attention turns small
+/// errors of its scores into large ones of its result, in all of them and not in a few windows as trained weights do.
 /// `VKDENOISE_NETWORKS=all` runs all ten, which takes minutes, instead of the most and a little sensitive one.
 #[test]
 fn every_network_runs_on_matrices() {

@@ -1,5 +1,5 @@
-//! The kernels of the head of predicted kernels against their f64 twins: random shapes, channel ranges, rectangles and lists of
-//! tiles, frames down to one tile.
+//! The kernels of the head of predicted kernels against their f64 twins: random shapes, channel ranges, rectangles and
+//! lists of tiles, frames down to one tile.
 
 mod common;
 

@@ -17,8 +17,8 @@ use vkdenoise::{
 };
 
 const EXTENT: Extent = Extent::new(150, 100);
-/// The frame whose time is compared: what a timestamp costs and what lies between two dispatches (5.5 % of 256x256, 0.7 % of 1024x1024)
-/// does not grow with the kernels, and those of a small frame are shorter than any in use.
+/// The frame whose time is compared: what a timestamp costs and what lies between two dispatches (5.5 % of 256x256, 0.7
+/// % of 1024x1024) does not grow with the kernels, and those of a small frame are shorter than any in use.
 const TIMED: Extent = Extent::new(512, 512);
 
 /// Held by whoever runs: other work on the same cores would show in the times.
@@ -28,7 +28,8 @@ static ALONE: Mutex<()> = Mutex::new(());
 struct Run {
     /// By the timestamps around the pass.
     pass_ms: f64,
-    /// What it cost: of the CPU's time on CPU drivers, which other work on the machine does not stretch; else of the pass.
+    /// What it cost: of the CPU's time on CPU drivers, which other work on the machine does not stretch; else of the
+    /// pass.
     cost: f64,
     records: Vec<KernelRecord>,
 }

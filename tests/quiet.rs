@@ -99,7 +99,8 @@ fn soiled(weights: &Weights, options: &Options, extent: Extent) -> Denoiser {
     denoiser
 }
 
-/// Compares a result with the whole frame's pass: equal bits where denoised, the input's far from that, a mixture between.
+/// Compares a result with the whole frame's pass: equal bits where denoised, the input's far from that, a mixture
+/// between.
 fn assert_exact(scene: &Scene, found: &[f32], whole: &[f32]) {
     let mut counts = [0usize; 3];
     for (i, found) in found.iter().enumerate() {
@@ -203,7 +204,8 @@ fn exact_tiles_of_a_long_frame_leave_out_of_every_part() {
     assert_no_validation_messages();
 }
 
-/// What a mode promises whatever is quiet: the caller's bits far from what is denoised, and the same bits whatever ran before.
+/// What a mode promises whatever is quiet: the caller's bits far from what is denoised, and the same bits whatever ran
+/// before.
 fn check_promises(denoiser: &mut Denoiser, scene: &Scene) -> Vec<f32> {
     let found = denoise(denoiser, &scene.frame());
     for (i, found) in found.iter().enumerate() {
@@ -242,8 +244,9 @@ fn approximate_tiles_are_close_to_the_whole() {
             let line = Extent::new(own.len() as u32 / 3, 1);
             let close = Comparison::new(line, &own, &full).unwrap().tone_mapped_db(0.18);
             println!("{name}: {close:.1} dB");
-            // Squares that stand alone in noise called quiet lack all that the whole pass sees around them.
-            // How much is a matter of the weights: 27.9 dB with those trained on, which look further around; over 30 with those before.
+            // Squares that stand alone in noise called quiet lack all that the whole pass sees around them. How much is
+            // a matter of the weights: 27.9 dB with those trained on, which look further around; over 30 with those
+            // before.
             let least = if ["half", "all but one"].contains(&name) { 50.0 } else { 27.0 };
             assert!(close > least, "{name}: {close} dB");
         }
@@ -324,7 +327,8 @@ fn a_region_of_quiet_tiles_has_the_bits_of_the_whole() {
     let options = Options { quiet: quiet(QuietMode::Exact), ..Options::default() };
     let whole = denoise(&mut soiled(&weights, &options, extent), &scene.frame());
     let mut denoiser = soiled(&weights, &options, extent);
-    // Squares outside of a region are quiet: the blend beside them may lie within it, so it begins and ends with squares that are.
+    // Squares outside of a region are quiet: the blend beside them may lie within it, so it begins and ends with
+    // squares that are.
     let region = Region { x: 0, y: 32, width: 112, height: 100 };
     denoiser.set_region(Some(region));
     let mut part = vec![-1.0; whole.len()];

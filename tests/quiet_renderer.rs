@@ -1,5 +1,5 @@
-//! Quiet squares in a renderer's buffers and images, with its plane of sample counts: the host path's bits, and what was active,
-//! read back by the renderer itself.
+//! Quiet squares in a renderer's buffers and images, with its plane of sample counts: the host path's bits, and what
+//! was active, read back by the renderer itself.
 
 mod common;
 

@@ -28,8 +28,8 @@ fn flops(dispatches: &[vkdenoise::plan::Dispatch]) -> u64 {
 
 /// The worst share of the whole frame's work over all placements of a square.
 ///
-/// The work at (x, y) is a sum of products of a width that depends on x alone and the same of y, so it is at most that of
-/// (x, x) or of (y, y) (Cauchy and Schwarz): the diagonal has the worst.
+/// The work at (x, y) is a sum of products of a width that depends on x alone and the same of y, so it is at most that
+/// of (x, x) or of (y, y) (Cauchy and Schwarz): the diagonal has the worst.
 fn worst_share(side: u32, square: u32, folds: Folds) -> f64 {
     let plan = hybrid(Extent::new(side, side), folds);
     let whole = flops(&plan.dispatches) as f64;
@@ -47,8 +47,8 @@ fn a_small_region_needs_a_part_of_the_work() {
     // A whole frame is less work where the last stage is folded, and a region never took much of that.
     let shares = shares_with(Folds::ALL);
     assert!(shares.into_iter().zip([0.62, 0.43, 0.23]).all(|(share, most)| share <= most), "{shares:?}");
-    // Token by token, with whole windows where there is attention, the pixels depend on 0.5465, 0.3634 and 0.1629 of the
-    // network as it stands.
+    // Token by token, with whole windows where there is attention, the pixels depend on 0.5465, 0.3634 and 0.1629 of
+    // the network as it stands.
     let shares = shares_with(Folds::NONE);
     for (share, least) in shares.into_iter().zip([0.5465, 0.3634, 0.1629]) {
         assert!((least..least + 0.008).contains(&share), "{shares:?}");

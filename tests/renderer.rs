@@ -1,5 +1,5 @@
-//! Plays a renderer: a device, buffers and images of its own, the denoiser's pass inside its command buffers, two frames
-//! in flight. What comes out must be the host path's bits.
+//! Plays a renderer: a device, buffers and images of its own, the denoiser's pass inside its command buffers, two
+//! frames in flight. What comes out must be the host path's bits.
 
 mod common;
 

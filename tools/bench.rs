@@ -1,5 +1,5 @@
-//! `vkdenoise-bench`: times the whole pass in CPU seconds and wall time, counts its memory and its errors, and puts it under stress. CPU
-//! seconds are the steadier figure on CPU drivers and on shared machines.
+//! `vkdenoise-bench`: times the whole pass in CPU seconds and wall time, counts its memory and its errors, and puts it
+//! under stress. CPU seconds are the steadier figure on CPU drivers and on shared machines.
 
 #[path = "bench/budget/mod.rs"]
 mod budget;
@@ -66,11 +66,13 @@ enum Command {
     Budget(budget_command::BudgetArgs),
     /// Run time against error: every tier of every network on a directory of rendered pairs, with the Pareto front.
     Pareto(pareto_command::ParetoArgs),
-    /// Try to break the denoiser: every stress case on every tier that the device runs, as a matrix of figures and bounds.
+    /// Try to break the denoiser: every stress case on every tier that the device runs, as a matrix of figures and
+    /// bounds.
     Stress(stress_command::StressArgs),
     /// Time what is left out: a region, unchanged features, none; in turn with the whole. One JSON object a case.
     Skip(skip_command::SkipArgs),
-    /// Leave out what is quiet of an EXR file, by several rules in turn with all of it: time, and what that does to the picture.
+    /// Leave out what is quiet of an EXR file, by several rules in turn with all of it: time, and what that does to the
+    /// picture.
     Quiet(quiet_command::QuietArgs),
     /// Print the device memory that a size takes, from the plan. Nothing is allocated for it.
     Memory {

@@ -1,5 +1,5 @@
-// The end of a dense 3x3 convolution: act(film(value) + residual), stored plain, pixel-shuffled or pixel-unshuffled. `at` is
-// a token of the convolution's own result, `channel` a vector of four.
+// The end of a dense 3x3 convolution: act(film(value) + residual), stored plain, pixel-shuffled or pixel-unshuffled.
+// `at` is a token of the convolution's own result, `channel` a vector of four.
 void store_result(uvec2 at, uint channel, vec4 value) {
     uint pixel = at.y * dst_width + at.x;
     if ((EPILOGUE & FLAG_FILM) != 0u) value = LOAD_WEIGHTS(film, channel) * value + LOAD_WEIGHTS(film, dst_channels + channel);

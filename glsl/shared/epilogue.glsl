@@ -1,5 +1,5 @@
-// What a dense kernel does with a sum before it is stored. A pipeline is specialised for it: CPU drivers keep masks for every
-// branch, taken or not, and a kernel ends with one for each of its tokens.
+// What a dense kernel does with a sum before it is stored. A pipeline is specialised for it: CPU drivers keep masks for
+// every branch, taken or not, and a kernel ends with one for each of its tokens.
 #ifndef EPILOGUE_ID
 #define EPILOGUE_ID 0
 #endif

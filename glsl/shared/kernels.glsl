@@ -15,7 +15,8 @@ float reliability(float x) {
     return max(1.0 / (1.0 + exp(clamp(x, -60.0, 60.0))), LEAST_RELIABILITY);
 }
 
-// A mean in the making: sums of weight times value, and of weight, the weights relative to that of the largest logit so far.
+// A mean in the making: sums of weight times value, and of weight, the weights relative to that of the largest logit so
+// far.
 struct Average {
     vec4 sum;
     float largest;

@@ -1,6 +1,6 @@
-// Lanes of a subgroup load different vectors and hand them round, for drivers on which a load costs more than the arithmetic
-// it feeds (CPU drivers: a load is one scalar load a lane). SHARING of them do so, 8 or 16: CPU drivers run as many as
-// a vector register has floats.
+// Lanes of a subgroup load different vectors and hand them round, for drivers on which a load costs more than the
+// arithmetic it feeds (CPU drivers: a load is one scalar load a lane). SHARING of them do so, 8 or 16: CPU drivers run
+// as many as a vector register has floats.
 //
 // BROADCAST: subgroupBroadcast is one instruction where its lane is constant; without it, subgroupShuffle is, and
 // subgroupBroadcast may look for an active lane in a loop.

@@ -1,5 +1,6 @@
-// Products of matrices of halves, summed in 32-bit floats, each by the invocations of one subgroup. Sizes are the device's.
-// Which invocation holds which element is undefined: what is not the same for all elements goes through shared memory.
+// Products of matrices of halves, summed in 32-bit floats, each by the invocations of one subgroup. Sizes are the
+// device's. Which invocation holds which element is undefined: what is not the same for all elements goes through
+// shared memory.
 #extension GL_KHR_cooperative_matrix : require
 #extension GL_KHR_memory_scope_semantics : require
 #extension GL_KHR_shader_subgroup_basic : require

@@ -1,10 +1,11 @@
-// What the dense kernels on matrices share. A workgroup computes TILES tiles of 8x8 tokens; a subgroup a HALVES-th of one, 32 of its
-// outputs. Both factors are staged in shared memory: the tokens' inputs as rows of halves, padded by 16 bytes so that rows begin
-// in different banks; the weights as they are packed, [block of outputs][block of 16 rows][output][row]. The sums go back through the
-// same memory, because what follows (bias, FiLM, activation, shuffles) depends on the channel.
+// What the dense kernels on matrices share. A workgroup computes TILES tiles of 8x8 tokens; a subgroup a HALVES-th of
+// one, 32 of its outputs. Both factors are staged in shared memory: the tokens' inputs as rows of halves, padded by 16
+// bytes so that rows begin in different banks; the weights as they are packed, [block of outputs][block of 16
+// rows][output][row]. The sums go back through the same memory, because what follows (bias, FiLM, activation, shuffles)
+// depends on the channel.
 //
-// A kernel defines before it includes this: STAGED_INPUTS, vectors of 16 bytes in which it stages inputs, and STAGED_BLOCKS, blocks of 16
-// rows of weights for 32 outputs.
+// A kernel defines before it includes this: STAGED_INPUTS, vectors of 16 bytes in which it stages inputs, and
+// STAGED_BLOCKS, blocks of 16 rows of weights for 32 outputs.
 layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer Vectors { uvec4 v[]; };
 
 const uint SPLITS = SUBGROUPS / HALVES / TILES;  // subgroups that share the tokens of a tile
@@ -39,8 +40,9 @@ void clear_sums() {
     [[unroll]] for (uint i = 0u; i < ROW_TILES * COLUMN_TILES; ++i) sums[i] = MatrixSum(0.0);
 }
 
-// Stages blocks of weights for all outputs of the workgroup: `count` from block `first` of each block of outputs on, of which a block
-// of outputs has `all`. They follow the `before` that are staged already; there are PER_OUTPUTS for a block of outputs in all.
+// Stages blocks of weights for all outputs of the workgroup: `count` from block `first` of each block of outputs on, of
+// which a block of outputs has `all`. They follow the `before` that are staged already; there are PER_OUTPUTS for a
+// block of outputs in all.
 void stage_weights(Vectors packed, uint first, uint all, uint before, const uint count, const uint PER_OUTPUTS) {
     for (uint i = gl_LocalInvocationID.x; i < SPLITS * count * BLOCK; i += INVOCATIONS) {
         uint split = i / (count * BLOCK), at = i % (count * BLOCK);
@@ -61,8 +63,8 @@ void load_weights(uint block, uint row, out MatrixB columns[COLUMN_TILES]) {
     }
 }
 
-// sums += `depth` columns of the rows of this subgroup's tokens, times the staged blocks of weights from `block` on. The tile's
-// rows begin at vector `a`.
+// sums += `depth` columns of the rows of this subgroup's tokens, times the staged blocks of weights from `block` on.
+// The tile's rows begin at vector `a`.
 void multiply_add(uint a, uint a_stride, uint block, const uint depth) {
     // Not all unrolled: CPU drivers spell every product out.
     [[dont_unroll]] for (uint first = 0u; first < depth; first += 16u) {
@@ -99,8 +101,8 @@ vec4 staged_sum(uint token, uint vector) {
     return uintBitsToFloat(staged[(gl_SubgroupID * SUMS_TOKENS + token) * SUMS_STRIDE + vector]);
 }
 
-// Every vector of sums with its bias: `finish(at, channel, value)` is what becomes of it, `at` a token of the map and `channel` a
-// vector of four.
+// Every vector of sums with its bias: `finish(at, channel, value)` is what becomes of it, `at` a token of the map and
+// `channel` a vector of four.
 #define FINISH_SUMS(finish) \
     [[unroll]] for (uint part = 0u; part < OWN_TOKENS / SUMS_TOKENS; ++part) { \
         stage_sums(part); \

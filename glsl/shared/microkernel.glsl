@@ -1,6 +1,6 @@
 // The inner product all dense kernels share: an invocation holds PIXELS x 4*NV outputs in registers and adds four input
-// channels at a time. Weights are packed as [output tile][tap][input channel / 4][4 input channels][PACKED_NV], vectors of four
-// consecutive outputs, of which the first NV are computed; PACKED_NV is NV if nothing is said.
+// channels at a time. Weights are packed as [output tile][tap][input channel / 4][4 input channels][PACKED_NV], vectors
+// of four consecutive outputs, of which the first NV are computed; PACKED_NV is NV if nothing is said.
 //
 // LANES_SHARE: the lanes of a subgroup load a part of the block each and hand it round.
 #extension GL_EXT_control_flow_attributes : require

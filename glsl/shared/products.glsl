@@ -1,6 +1,6 @@
-// Products of a row of inputs with weights, four outputs at a time, and where the weights of predicted kernels lie: [biases of
-// what is predicted from, by phase | the reliability's row | biases of the outputs | the former's, by phase | the latter's], rows of
-// four outputs an input.
+// Products of a row of inputs with weights, four outputs at a time, and where the weights of predicted kernels lie:
+// [biases of what is predicted from, by phase | the reliability's row | biases of the outputs | the former's, by phase
+// | the latter's], rows of four outputs an input.
 #ifdef LANES_SHARE
 #include "shared/lanes.glsl"
 #endif
@@ -12,7 +12,8 @@ const uint RELIABILITY_AT = BIASES_AT + 6u;    // the reliability's bias is the 
 const uint HIDDEN_AT = BIASES_AT + 12u;
 const uint OUTPUTS_AT = HIDDEN_AT + 4u * HIDDEN * 40u;
 
-// value[p] += the products of `count` inputs of each of TX tokens, `input(p, k)` being the k-th, with the rows from `base` on.
+// value[p] += the products of `count` inputs of each of TX tokens, `input(p, k)` being the k-th, with the rows from
+// `base` on.
 #ifdef LANES_SHARE
 #define ADD_PRODUCTS(value, input, count, base) { \
     vec4 lane_weights[PER_LANE(count)]; \

@@ -2,8 +2,8 @@
 // SRC_F16 and DST_F16 make the elements of sources and targets halves; the arithmetic stays in 32-bit floats.
 //
 // TEXELS is for CPU drivers, some of which turn every load and store by address into a loop over lanes and components:
-// loads go through texel buffers, which they fetch as whole vectors and transpose, and stores move eight bytes at a time.
-// A kernel names what it loads with TEXELS_OF; LOAD and LOAD_WEIGHTS take those names.
+// loads go through texel buffers, which they fetch as whole vectors and transpose, and stores move eight bytes at a
+// time. A kernel names what it loads with TEXELS_OF; LOAD and LOAD_WEIGHTS take those names.
 #extension GL_EXT_buffer_reference : require
 vec4 widen(vec4 value) {
     return value;
@@ -26,8 +26,8 @@ layout(buffer_reference, std430, buffer_reference_align = 8) readonly buffer Res
 layout(buffer_reference, std430, buffer_reference_align = 2) writeonly buffer TargetScalars { uint16_t v[]; };
 #define STORE_COMPONENT(target, index, component, value) \
     TargetScalars(target).v[(index) * 4u + (component)] = uint16_t(half_bits(vec4(value)).x)
-// As packHalf2x16 rounds: to the nearest, ties to even, infinity from 65520 on. lavapipe takes 90 instructions and branches
-// for eight numbers, where the CPU has one; this takes 16.
+// As packHalf2x16 rounds: to the nearest, ties to even, infinity from 65520 on. lavapipe takes 90 instructions and
+// branches for eight numbers, where the CPU has one; this takes 16.
 uvec4 half_bits(vec4 value) {
     uvec4 bits = floatBitsToUint(value);
     uvec4 magnitude = bits & 0x7fffffffu;
@@ -70,7 +70,8 @@ u64vec2 narrow(vec4 value) {
 #define STORE(target, index, value) target.v[index] = narrow(value)
 #else
 layout(buffer_reference, std430, buffer_reference_align = 16) writeonly buffer Target { vec4 v[]; };
-// Not by a reference of another type: SwiftShader's compiler overruns its stack over a store through one made from Target.
+// Not by a reference of another type: SwiftShader's compiler overruns its stack over a store through one made from
+// Target.
 #define STORE_COMPONENT(target, index, component, value) target.v[index][component] = (value)
 #define STORE(target, index, value) target.v[index] = (value)
 #endif
@@ -86,7 +87,8 @@ layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer We
 #define LOAD(source, index) widen(source.v[index])
 #define LOAD_WEIGHTS(weights, index) weights.v[index]
 #endif
-// A load that may be made in any case, zeros where it does not count. No branch: on CPU drivers a branch by lanes costs more than the load.
+// A load that may be made in any case, zeros where it does not count. No branch: on CPU drivers a branch by lanes costs
+// more than the load.
 #define LOAD_WHERE(counts, source, index) mix(vec4(0.0), LOAD(source, index), bvec4(counts))
 layout(buffer_reference, std430, buffer_reference_align = 4) readonly buffer ReadFloats { float v[]; };
 layout(buffer_reference, std430, buffer_reference_align = 4) buffer Floats { float v[]; };

@@ -1,6 +1,6 @@
 // Work is cut into tiles of 8x8 tokens, the attention window: one size for every kernel of a resolution, so that one
-// list of active tiles serves them all: its length, then for each tile x | y << 16, in tiles. Without a list the tiles are those of a rectangle,
-// whose columns are the upper half of the flags; it begins at any half tile, x | y << 16.
+// list of active tiles serves them all: its length, then for each tile x | y << 16, in tiles. Without a list the tiles
+// are those of a rectangle, whose columns are the upper half of the flags; it begins at any half tile, x | y << 16.
 layout(buffer_reference, std430, buffer_reference_align = 4) readonly buffer TileList { uint v[]; };
 
 const uint FLAG_TILE_LIST = 1u;

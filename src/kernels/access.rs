@@ -69,8 +69,8 @@ impl Access {
         }
     }
 
-    /// How far from its border the grid feels the map's, which the map itself feels for so many tokens; `None`: nowhere, as
-    /// the map is written, or everywhere.
+    /// How far from its border the grid feels the map's, which the map itself feels for so many tokens; `None`:
+    /// nowhere, as the map is written, or everywhere.
     pub(crate) fn margin(self, of_map: u32) -> Option<u32> {
         match self {
             Self::Read(Footprint::Around { stride, reach }) => Some((of_map + reach).div_ceil(stride)),

@@ -1,5 +1,5 @@
-//! How often a kernel's invocations ask for memory, counted from the loops of its shader: what caches have to serve, where
-//! [`super::Traffic`] is what memory has to.
+//! How often a kernel's invocations ask for memory, counted from the loops of its shader: what caches have to serve,
+//! where [`super::Traffic`] is what memory has to.
 
 mod matrix;
 
@@ -55,8 +55,8 @@ impl Accesses {
 }
 
 impl Call {
-    /// What the invocations ask of memory; `None` for the kernels over the caller's planes and their statistics, for which
-    /// it depends on the frame, and for what makes lists of active tiles.
+    /// What the invocations ask of memory; `None` for the kernels over the caller's planes and their statistics, for
+    /// which it depends on the frame, and for what makes lists of active tiles.
     pub fn accesses(&self, variant: &Variant) -> Option<Accesses> {
         let Variant { contract, special, .. } = *variant;
         Some(match self {
@@ -117,8 +117,8 @@ impl Block {
         self.x * self.y * self.vectors
     }
 
-    /// Loads of the weights of four input channels: all of them, or an eighth where the lanes hand them round (a sixteenth in
-    /// subgroups of sixteen, which are counted as those of eight).
+    /// Loads of the weights of four input channels: all of them, or an eighth where the lanes hand them round (a
+    /// sixteenth in subgroups of sixteen, which are counted as those of eight).
     fn weight_loads(&self, contract: &Contract) -> u64 {
         let vectors = 4 * self.vectors;
         if contract.has("LANES_SHARE") { vectors.div_ceil(8) } else { vectors }

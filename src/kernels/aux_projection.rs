@@ -1,5 +1,5 @@
-//! The projection of albedo, normal and depth as one kernel, for matrices: as nine, its maps at full resolution would go through
-//! memory nine times.
+//! The projection of albedo, normal and depth as one kernel, for matrices: as nine, its maps at full resolution would
+//! go through memory nine times.
 
 use super::contracts;
 use super::pushes::AuxProjectionPush;
@@ -15,8 +15,8 @@ pub const CHANNELS: u32 = 32;
 /// Tokens around its own that a token of the result depends on.
 pub const REACH: u32 = 3;
 
-/// `lrelu(W [s0 | s1 | s2] + bias)`, `s_i = lrelu(depthwise3x3(pointwise(s_(i-1))))` with the source for the first, each zero-padded at the
-/// map's borders; slope 0.01. Rows of the map in whole tiles, not a list of tiles.
+/// `lrelu(W [s0 | s1 | s2] + bias)`, `s_i = lrelu(depthwise3x3(pointwise(s_(i-1))))` with the source for the first,
+/// each zero-padded at the map's borders; slope 0.01. Rows of the map in whole tiles, not a list of tiles.
 #[derive(Clone, Debug, PartialEq)]
 pub struct AuxProjection {
     /// [`AUX_CHANNELS`] channels in halves.
@@ -27,7 +27,8 @@ pub struct AuxProjection {
     pub pointwise: [BufferId; 3],
     /// Packed weights of each step's depthwise convolution ([`crate::plan::pack::Pack::Depthwise`]).
     pub depthwise: [BufferId; 3],
-    /// Packed weights of each step's part of the last convolution ([`crate::plan::pack::Pack::Halves`]); the third has the bias.
+    /// Packed weights of each step's part of the last convolution ([`crate::plan::pack::Pack::Halves`]); the third has
+    /// the bias.
     pub out: [BufferId; 3],
     /// Tiles of the map.
     pub tiles: Tiles,

@@ -1,5 +1,5 @@
-//! What a kernel variant is: its shader, how it is compiled, what it needs and what it is specialised by. What the shader itself
-//! declares, push constants and descriptors, `build.rs` reads off the compiled SPIR-V ([`super::spirv`]).
+//! What a kernel variant is: its shader, how it is compiled, what it needs and what it is specialised by. What the
+//! shader itself declares, push constants and descriptors, `build.rs` reads off the compiled SPIR-V ([`super::spirv`]).
 
 /// What a descriptor binding of set 0 holds. Storage buffers are not bound: they come as device addresses.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -59,8 +59,8 @@ pub enum ConstantValue {
     Values,
 }
 
-/// What a pipeline is specialised for: what becomes of sums before they are stored, and how a kernel on matrices cuts its work.
-/// Zero where the kernel does not ask.
+/// What a pipeline is specialised for: what becomes of sums before they are stored, and how a kernel on matrices cuts
+/// its work. Zero where the kernel does not ask.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq, PartialOrd, Ord, Hash)]
 pub struct Specialisation {
     /// What becomes of the result's sums, by the flags of `glsl/shared/epilogue.glsl`.

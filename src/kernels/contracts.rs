@@ -1,5 +1,5 @@
-//! Every kernel variant. `build.rs` compiles each from `glsl/`, reads push constants and descriptors off it and refuses one whose
-//! specialisation constants are others.
+//! Every kernel variant. `build.rs` compiles each from `glsl/`, reads push constants and descriptors off it and refuses
+//! one whose specialisation constants are others.
 
 use super::contract::{Constant, ConstantValue, Contract, Need};
 
@@ -53,8 +53,8 @@ macro_rules! contract {
     };
 }
 
-/// Constants for the variants, those under `stored` twice: with maps of 32-bit floats and, in [`halves`], of halves. Each
-/// has its name, its shader, the struct of its push constants, what it defines, needs and is specialised by.
+/// Constants for the variants, those under `stored` twice: with maps of 32-bit floats and, in [`halves`], of halves.
+/// Each has its name, its shader, the struct of its push constants, what it defines, needs and is specialised by.
 macro_rules! contracts {
     (stored {$($(#[$stored_meta:meta])* $stored:ident = $stored_name:literal $stored_source:literal $stored_push:ident
        { $($stored_key:literal : $stored_value:literal),* } $stored_needs:expr, $half_needs:expr
@@ -82,7 +82,8 @@ macro_rules! contracts {
 }
 
 // TX x TY outputs and 4 * NV channels an invocation: 2x2 keeps a GPU's registers, more suits CPU drivers, on which a
-// load costs more than the arithmetic it feeds: there lanes share what they load (LANES_SHARE) and load whole vectors (TEXELS).
+// load costs more than the arithmetic it feeds: there lanes share what they load (LANES_SHARE) and load whole vectors
+// (TEXELS).
 contracts! {
     stored {
         /// Convolution, stride 1, tiles of 32 channels.

@@ -46,7 +46,8 @@ pub struct Conv3x3 {
     pub shuffle: Shuffle,
     /// Tiles of the convolution's own result (before the shuffle).
     pub tiles: Tiles,
-    /// On matrices its weights are packed as halves ([`crate::plan::pack::Pack::Halves`]), and [`Conv3x3::fits_matrices`].
+    /// On matrices its weights are packed as halves ([`crate::plan::pack::Pack::Halves`]), and
+    /// [`Conv3x3::fits_matrices`].
     pub arithmetic: Arithmetic,
 }
 
@@ -56,8 +57,8 @@ impl Conv3x3 {
         (self.src.width / self.stride, self.src.height / self.stride)
     }
 
-    /// Whether there is a kernel on matrices for its maps: from whole vectors of halves, or from four channels of 32-bit
-    /// floats, to a map of halves of more channels than a narrow one has.
+    /// Whether there is a kernel on matrices for its maps: from whole vectors of halves, or from four channels of
+    /// 32-bit floats, to a map of halves of more channels than a narrow one has.
     pub fn fits_matrices(&self) -> bool {
         self.on_matrices().is_some()
     }
@@ -217,7 +218,8 @@ pub struct Linear {
     pub src: View,
     /// Second input, its channels after the first's. Not with [`Linear::norm`].
     pub src_b: Option<View>,
-    /// Whether every token is brought to mean 0 and variance 1 over its channels first (eps 1e-5). Gain and bias are in the weights.
+    /// Whether every token is brought to mean 0 and variance 1 over its channels first (eps 1e-5). Gain and bias are in
+    /// the weights.
     pub norm: bool,
     /// Output.
     pub dst: View,
@@ -231,7 +233,8 @@ pub struct Linear {
     pub activation: Activation,
     /// Tiles of the map.
     pub tiles: Tiles,
-    /// On matrices its weights are packed as halves ([`crate::plan::pack::Pack::Halves`]), and [`Linear::fits_matrices`].
+    /// On matrices its weights are packed as halves ([`crate::plan::pack::Pack::Halves`]), and
+    /// [`Linear::fits_matrices`].
     pub arithmetic: Arithmetic,
 }
 
@@ -240,8 +243,8 @@ impl Linear {
         self.src.channels + self.src_b.map_or(0, |b| b.channels)
     }
 
-    /// Whether there is a kernel on matrices for its maps: from whole vectors of halves to a map of halves; normed ones of a
-    /// power of two of channels.
+    /// Whether there is a kernel on matrices for its maps: from whole vectors of halves to a map of halves; normed ones
+    /// of a power of two of channels.
     pub fn fits_matrices(&self) -> bool {
         self.on_matrices().is_some()
     }

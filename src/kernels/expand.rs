@@ -19,8 +19,8 @@ pub struct Expand {
 }
 
 impl Expand {
-    /// Where position `i` of `size` comes from among `small`. What repeats are the [`HALF_TILE`] positions from `small / 2`
-    /// on.
+    /// Where position `i` of `size` comes from among `small`. What repeats are the [`HALF_TILE`] positions from `small
+    /// / 2` on.
     pub fn source_of(i: u32, size: u32, small: u32) -> u32 {
         let middle = small / 2;
         if i < middle || size == small {

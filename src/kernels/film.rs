@@ -1,7 +1,7 @@
 //! The FiLM vectors: the mean of a map's tokens, and a matrix applied to it.
 //!
-//! The mean is summed in two levels of fixed order, so that every run gives the same bits. Where quiet squares are left out
-//! ([`super::quiet`]), it is estimated: a sample of them stands for all.
+//! The mean is summed in two levels of fixed order, so that every run gives the same bits. Where quiet squares are left
+//! out ([`super::quiet`]), it is estimated: a sample of them stands for all.
 
 use super::contracts::{self, halves};
 use super::pushes::{FilmVectorPush, TokenSumPush};
@@ -147,8 +147,8 @@ impl Kernel for TokenSum {
     }
 }
 
-/// Level two: `W (sum of partials / tokens) + bias`. With counts, tokens of sampled squares count as often as it takes to stand
-/// for all that are not of denoised ones; where none was sampled, those of denoised squares stand for all.
+/// Level two: `W (sum of partials / tokens) + bias`. With counts, tokens of sampled squares count as often as it takes
+/// to stand for all that are not of denoised ones; where none was sampled, those of denoised squares stand for all.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FilmVector {
     /// The partial sums.

@@ -218,9 +218,9 @@ impl Kernel for InputAux {
     }
 }
 
-/// `max(expm1(c + r) / exposure, 0)`, or where the network makes radiance `max(r / exposure, 0)`, at most the frame's largest sample
-/// of the channel, mixed with the noisy colour by `blend`, cropped to the frame; then what of the caller's pixel was not in c is
-/// added, where c is marked, or is all of it in a lamp of +Inf ([`InputColor`]).
+/// `max(expm1(c + r) / exposure, 0)`, or where the network makes radiance `max(r / exposure, 0)`, at most the frame's
+/// largest sample of the channel, mixed with the noisy colour by `blend`, cropped to the frame; then what of the
+/// caller's pixel was not in c is added, where c is marked, or is all of it in a lamp of +Inf ([`InputColor`]).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Output {
     /// The network's result r, three channels and padding.
@@ -239,8 +239,8 @@ pub struct Output {
     pub tiles: Tiles,
     /// The pixels to write.
     pub region: Region,
-    /// Map of what is to be denoised ([`super::quiet::QuietMap`]). Quiet pixels are the caller's own colour, but for a blend of
-    /// [`super::quiet::BLEND_PIXELS`] beside the others. `None`: everything is denoised.
+    /// Map of what is to be denoised ([`super::quiet::QuietMap`]). Quiet pixels are the caller's own colour, but for a
+    /// blend of [`super::quiet::BLEND_PIXELS`] beside the others. `None`: everything is denoised.
     pub quiet: Option<BufferId>,
 }
 

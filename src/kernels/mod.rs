@@ -77,9 +77,9 @@ pub enum Arithmetic {
     Matrices,
 }
 
-/// Channels `first..first + channels` of `height` rows of a map, from row `top` on; rows of `width` tokens, `stride` channels
-/// per token. `first`, `channels` and `stride` are multiples of four, `top` one of [`TILE`]; channels beyond the network's
-/// own are zero.
+/// Channels `first..first + channels` of `height` rows of a map, from row `top` on; rows of `width` tokens, `stride`
+/// channels per token. `first`, `channels` and `stride` are multiples of four, `top` one of [`TILE`]; channels beyond
+/// the network's own are zero.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct View {
     /// Where the map lies.
@@ -202,8 +202,8 @@ impl Addresses<'_> {
         view.map_or(0, |view| self.view(view))
     }
 
-    /// Where the list lies; without one some memory of the plan, as a driver may load a list's length before it asks whether
-    /// there is a list (lavapipe of Mesa 26.1 does).
+    /// Where the list lies; without one some memory of the plan, as a driver may load a list's length before it asks
+    /// whether there is a list (lavapipe of Mesa 26.1 does).
     fn tiles(&self, tiles: &Tiles) -> u64 {
         match tiles {
             Tiles::All | Tiles::Rect(_) => self.of(BufferId(0)),
@@ -212,7 +212,8 @@ impl Addresses<'_> {
     }
 }
 
-/// What a kernel reads of a plan's buffer through a texel buffer: from `offset` to the buffer's end, four elements a texel.
+/// What a kernel reads of a plan's buffer through a texel buffer: from `offset` to the buffer's end, four elements a
+/// texel.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct TexelRange {
     /// The buffer.

@@ -1,5 +1,5 @@
-//! How kernels on cooperative matrices cut their work: by what their maps are, so that shared memory holds what a workgroup
-//! stages (`glsl/shared/matrix_dense.glsl`).
+//! How kernels on cooperative matrices cut their work: by what their maps are, so that shared memory holds what a
+//! workgroup stages (`glsl/shared/matrix_dense.glsl`).
 
 use super::contract::Specialisation;
 use super::contracts::MATRIX_SUBGROUPS;
@@ -14,8 +14,8 @@ pub const DEPTH: u32 = 16;
 /// Tokens of a tile.
 const TOKENS: u32 = TILE * TILE;
 
-/// Whether a workgroup's shared memory holds so many tokens of so many channels, each padded by a vector of 16 bytes, and so many rows
-/// of weights for its outputs.
+/// Whether a workgroup's shared memory holds so many tokens of so many channels, each padded by a vector of 16 bytes,
+/// and so many rows of weights for its outputs.
 fn holds(tokens: u32, channels: u32, rows: u32, outputs: u32) -> bool {
     tokens * (2 * channels + 16) + 2 * rows * outputs <= SHARED_BYTES
 }
@@ -32,7 +32,8 @@ fn tiles_for(outputs: u32) -> u32 {
     }
 }
 
-/// The most of `inputs` that a workgroup of so many outputs stages at a time for so many tokens, with `taps` rows of weights for each.
+/// The most of `inputs` that a workgroup of so many outputs stages at a time for so many tokens, with `taps` rows of
+/// weights for each.
 fn staged(inputs: u32, tokens: u32, at_most: u32, taps: u32, outputs: u32) -> Option<u32> {
     let sizes = [128, 64, 32, 16].into_iter().filter(|size| *size <= at_most);
     sizes.into_iter().find(|size| inputs.is_multiple_of(*size) && holds(tokens, *size, taps * size, outputs))

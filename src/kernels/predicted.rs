@@ -118,7 +118,8 @@ pub struct PredictKernels {
     pub albedo: View,
     /// Packed weights ([`crate::plan::pack::Pack::Kernels`]).
     pub weights: BufferId,
-    /// The mean times the first level's share and the share, the mean albedo and the gate, the other levels' shares; 32-bit floats.
+    /// The mean times the first level's share and the share, the mean albedo and the gate, the other levels' shares;
+    /// 32-bit floats.
     pub dst: View,
     /// Tiles of the pixels.
     pub tiles: Tiles,

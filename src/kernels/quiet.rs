@@ -2,8 +2,8 @@
 //!
 //! 1. [`TileNoise`] measures the relative noise of every square of [`MAP_TILE`] pixels a side.
 //! 2. [`QuietMap`] marks those above a threshold, and sums the marks.
-//! 3. [`TileList`] lists, for each part of the network, the tiles that marked squares depend on, with the workgroups of the
-//!    dispatches that run over the list.
+//! 3. [`TileList`] lists, for each part of the network, the tiles that marked squares depend on, with the workgroups of
+//!    the dispatches that run over the list.
 //! 4. [`Fill`] writes zeros where tiles are read that are not active.
 
 use super::contracts::{self, halves};
@@ -19,7 +19,8 @@ use std::cmp::Ordering;
 
 /// Pixels of a square of the map, on a side.
 pub const MAP_TILE: u32 = 16;
-/// The noise of a square that is to be denoised whatever the threshold: one with a bad pixel, or of which nothing is known.
+/// The noise of a square that is to be denoised whatever the threshold: one with a bad pixel, or of which nothing is
+/// known.
 pub const ALWAYS: f32 = 1e30;
 /// Pixels from a square that is denoised to those that are the caller's own.
 pub const BLEND_PIXELS: u32 = 8;
@@ -52,10 +53,10 @@ impl MapSize {
     }
 }
 
-/// Relative noise of every square, a float each: the standard deviation over the size, from the renderer's plane or, where it gives
-/// none, from the frame itself: the second difference in both directions of `ln(exposed + 0.01)`, over 6 (Immerkaer, "Fast
-/// Noise Variance Estimation", 1996), its root mean square over 8x8 pixels, the largest of the four and of the channels.
-/// Texture counts as noise.
+/// Relative noise of every square, a float each: the standard deviation over the size, from the renderer's plane or,
+/// where it gives none, from the frame itself: the second difference in both directions of `ln(exposed + 0.01)`, over 6
+/// (Immerkaer, "Fast Noise Variance Estimation", 1996), its root mean square over 8x8 pixels, the largest of the four
+/// and of the channels. Texture counts as noise.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TileNoise {
     /// The statistics.
@@ -124,8 +125,8 @@ impl Kernel for TileNoise {
     }
 }
 
-/// Marks the squares that are noisier than the frame's threshold, and those beside one: light that few pixels have found leaves squares
-/// without any. (Not where sample counts are given: they are known for every pixel.)
+/// Marks the squares that are noisier than the frame's threshold, and those beside one: light that few pixels have
+/// found leaves squares without any. (Not where sample counts are given: they are known for every pixel.)
 #[derive(Clone, Debug, PartialEq)]
 pub struct QuietMap {
     /// The noise.
@@ -208,9 +209,9 @@ impl Reach {
     }
 }
 
-/// A regular sample of the map's squares, which stand for the others in what is taken of the whole frame: squares (x, y) with `(x + skew y) %
-/// pitch = 0`, one in `pitch`, the first of the map among them. With a skew of the pitch's root its nearest squares are about that
-/// far apart in every direction.
+/// A regular sample of the map's squares, which stand for the others in what is taken of the whole frame: squares (x,
+/// y) with `(x + skew y) % pitch = 0`, one in `pitch`, the first of the map among them. With a skew of the pitch's root
+/// its nearest squares are about that far apart in every direction.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct Sample {
     /// Of so many squares one.
@@ -231,7 +232,8 @@ impl Sample {
 /// Places of a tile among the squares of the map that may differ in reach: the coarsest tiles are 128 pixels.
 pub const REACHES: usize = 8;
 
-/// Lists the tiles of one resolution that look at a marked square, row by row, or at a sampled one, and others that are read.
+/// Lists the tiles of one resolution that look at a marked square, row by row, or at a sampled one, and others that are
+/// read.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TileList {
     /// Sums of the map.

@@ -11,8 +11,8 @@ use super::{
     Variant, View, activation_flag, by_storage,
 };
 
-/// `pointwise(depthwise(src))`: the depthwise result is not stored, so neither its target nor the source of the pointwise
-/// one is touched.
+/// `pointwise(depthwise(src))`: the depthwise result is not stored, so neither its target nor the source of the
+/// pointwise one is touched.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Separable3x3 {
     /// The first part, with its activation.

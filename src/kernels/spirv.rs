@@ -11,8 +11,8 @@ struct Interface {
 
 include!(concat!(env!("OUT_DIR"), "/shaders/spirv.rs"));
 
-/// The SPIR-V of a module. Every [`super::contract::Contract::module`] of [`super::contracts::ALL`] has one; of another it is
-/// empty.
+/// The SPIR-V of a module. Every [`super::contract::Contract::module`] of [`super::contracts::ALL`] has one; of another
+/// it is empty.
 pub fn words(module: &Module) -> &'static [u32] {
     MODULES.iter().find(|(name, _)| *name == module.name).map_or(&[], |(_, words)| words)
 }

@@ -1,15 +1,15 @@
 //! Statistics of the frame: exposure and depth scale, by integer histograms and fixed-order sums.
 //!
-//! 1. [`Histogram`] counts the luminances (valid pixels, above 0) by the upper 16 bits of the float, 128 bins an octave,
-//!    or the valid depths in 512 bins an octave, so that their unit makes no difference: the scale follows them within
-//!    0.2 %.
+//! 1. [`Histogram`] counts the luminances (valid pixels, above 0) by the upper 16 bits of the float, 128 bins an
+//!    octave, or the valid depths in 512 bins an octave, so that their unit makes no difference: the scale follows them
+//!    within 0.2 %.
 //! 2. [`Select`] reads the median luminance `m`, or the 99.9th percentile of depth, from it.
 //! 3. [`TileStats`] takes the mean of `min(luminance, 64 m)` over the pixels of every 8x8 tile that are valid and of no
-//!    channel above 1e8 m, and its base-2 logarithm relative to m, at least -10. Beside it, what is known of the tile's noise, its mean
-//!    colour and its largest samples.
+//!    channel above 1e8 m, and its base-2 logarithm relative to m, at least -10. Beside it, what is known of the tile's
+//!    noise, its mean colour and its largest samples.
 //! 4. [`Key`] averages those logarithms over the tiles that have any light: `key = m 2^mean`, `exposure = 0.18 / key`.
-//!    It finds the
-//!    frame's share of noisy pixels and its largest samples, and fills the mean colours of tiles without a good sample.
+//!    It finds the frame's share of noisy pixels and its largest samples, and fills the mean colours of tiles without a
+//!    good sample.
 //!
 //! So one pixel, whatever its value, moves the key by at most what a tile of 64 m does. What counts as a valid sample:
 //! `docs/neutral.md`.

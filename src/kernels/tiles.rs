@@ -6,8 +6,8 @@ use super::{BufferId, flags};
 pub const TILE: u32 = 8;
 
 /// A rectangle of tiles may begin at every multiple of this many tokens. Winograd's tiles begin at such places and only
-/// there, and a token's place within its invocation is the same whichever rectangle it is in: so are the bits of its result.
-/// (Depthwise on CPU drivers, of eight tokens in a row, treats the two halves of a row alike.)
+/// there, and a token's place within its invocation is the same whichever rectangle it is in: so are the bits of its
+/// result. (Depthwise on CPU drivers, of eight tokens in a row, treats the two halves of a row alike.)
 pub const HALF_TILE: u32 = TILE / 2;
 
 /// A rectangle of tokens, ends excluded. Nothing where `right <= left` or `bottom <= top`.

@@ -11,8 +11,8 @@ use super::{
 
 /// Rows of tokens that a pixel takes.
 pub const ROWS: u32 = 4;
-/// Sets of weights for each of a token's two rows of pixels: away from the frame's border in y and on it, times away from the
-/// border in x, at the left, at the right.
+/// Sets of weights for each of a token's two rows of pixels: away from the frame's border in y and on it, times away
+/// from the border in x, at the left, at the right.
 pub const SETS: u32 = 6;
 /// Vectors of weights for four input channels and one row of tokens.
 pub const BLOCK: u32 = 32;

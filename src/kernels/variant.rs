@@ -18,8 +18,8 @@ pub struct KernelTarget {
 const TEXEL_ALIGNMENT: u64 = 16;
 
 impl KernelTarget {
-    /// Whether a kernel that reads these texels is the one for CPU drivers: texels of halves begin, as all, at multiples of
-    /// 16 bytes, or are read by address.
+    /// Whether a kernel that reads these texels is the one for CPU drivers: texels of halves begin, as all, at
+    /// multiples of 16 bytes, or are read by address.
     pub(super) fn cpu_with(self, texels: &[TexelRange]) -> bool {
         self.cpu && texels.iter().all(|range| range.offset.is_multiple_of(TEXEL_ALIGNMENT))
     }

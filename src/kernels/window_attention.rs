@@ -34,8 +34,8 @@ pub struct WindowAttention {
 }
 
 impl WindowAttention {
-    /// Whether there is a kernel on matrices for its maps: whole vectors of halves, and widths that the subgroups' matrices
-    /// divide and shared memory holds.
+    /// Whether there is a kernel on matrices for its maps: whole vectors of halves, and widths that the subgroups'
+    /// matrices divide and shared memory holds.
     pub fn fits_matrices(&self) -> bool {
         self.on_matrices().is_some()
     }

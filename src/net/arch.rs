@@ -42,8 +42,8 @@ pub struct Arch {
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Decoder {
-    /// Side by side: it works on `[up | encoder 0]`, `2 * channels` wide, with `[up of F1 | F0]` as its auxiliary map and
-    /// one attention head whatever `heads` says.
+    /// Side by side: it works on `[up | encoder 0]`, `2 * channels` wide, with `[up of F1 | F0]` as its auxiliary map
+    /// and one attention head whatever `heads` says.
     Baseline,
     /// As every other stage: `[up | encoder 0]` mixed down to `channels` by a Linear, auxiliary map F0.
     Symmetric,

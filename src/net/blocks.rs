@@ -4,8 +4,8 @@ use super::arch::{Block, Convolution};
 use super::builder::{Builder, Conv, Linear};
 use super::graph::{Activation, LinearPart, OpKind, Slice};
 
-/// Where a block stands: `prefix` its name and that of its tensors, `x` the colour map it changes, `f` the auxiliary map
-/// of the same shape, `into` where the result goes (a new value if `None`).
+/// Where a block stands: `prefix` its name and that of its tensors, `x` the colour map it changes, `f` the auxiliary
+/// map of the same shape, `into` where the result goes (a new value if `None`).
 pub(super) struct Place<'a> {
     pub prefix: &'a str,
     pub x: Slice,
@@ -27,7 +27,8 @@ pub(super) fn block(b: &mut Builder, block: Block, heads: u32, place: Place) -> 
     ffn(b, place.prefix, mixed, place.into)
 }
 
-/// X + proj([attended | raw rest of X]). The first `part` channels attend; `keys` is the width of Q, all heads together.
+/// X + proj([attended | raw rest of X]). The first `part` channels attend; `keys` is the width of Q, all heads
+/// together.
 fn attention(b: &mut Builder, place: &Place, part: u32, keys: u32, heads: u32) -> Slice {
     let Place { prefix, x, f, .. } = *place;
     let tensor = |name: &str, outputs| LinearPart { prefix: format!("{prefix}.{name}"), outputs };

@@ -1,5 +1,5 @@
-//! What a network costs: parameters, and FLOPs at a size. Convolutions, linears, attention matmuls and kernels over images, two
-//! per multiply-add; no bias, norm or elementwise work.
+//! What a network costs: parameters, and FLOPs at a size. Convolutions, linears, attention matmuls and kernels over
+//! images, two per multiply-add; no bias, norm or elementwise work.
 
 use super::graph::{Graph, Op, OpKind, Shape, Slice, conv_outputs};
 use super::head::{ALBEDO_SIDE, FULL_OUTPUTS, HIDDEN, KERNEL_SIDE};

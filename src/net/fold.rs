@@ -1,6 +1,6 @@
-//! Exact folds: operations that follow each other with nothing nonlinear between them become one, and what nobody reads is not
-//! computed. A folded graph computes the same residual but for rounding; it reads the same tensors, and makes its weights
-//! of them.
+//! Exact folds: operations that follow each other with nothing nonlinear between them become one, and what nobody reads
+//! is not computed. A folded graph computes the same residual but for rounding; it reads the same tensors, and makes
+//! its weights of them.
 
 use super::ParseError;
 use super::graph::{Activation, ConvWeight, Graph, LinearWeight, Op, OpKind, Shape, Shuffle, Slice};
@@ -11,15 +11,15 @@ use std::str::FromStr;
 /// Which operations are folded.
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub struct Folds {
-    /// Patch unembedding, its shuffle and the output convolution into one: a sixth of their work, and no map of the frame's
-    /// full size between them.
+    /// Patch unembedding, its shuffle and the output convolution into one: a sixth of their work, and no map of the
+    /// frame's full size between them.
     pub unembed: bool,
     /// The half of a skip's Linear that reads what was upsampled, into the convolution that upsamples.
     pub skip: bool,
     /// Channels that nobody reads: most of what the last Down makes of the features, where attention is partial.
     pub unread: bool,
-    /// Layer normalisations into the Linear that alone reads them, of at most 128 channels: the normed map is not written
-    /// and read again. It pays where a kernel holds all channels of a token.
+    /// Layer normalisations into the Linear that alone reads them, of at most 128 channels: the normed map is not
+    /// written and read again. It pays where a kernel holds all channels of a token.
     pub norm: bool,
 }
 
@@ -60,8 +60,8 @@ impl FromStr for Folds {
 }
 
 impl Graph {
-    /// The same network with fewer operations or less work in them. [`Graph::tensors`] gives the shapes that the operations
-    /// use, which may be a part of what a weights file holds.
+    /// The same network with fewer operations or less work in them. [`Graph::tensors`] gives the shapes that the
+    /// operations use, which may be a part of what a weights file holds.
     pub fn folded(&self, folds: Folds) -> Graph {
         let mut graph = self.clone();
         if folds.unembed {
@@ -122,8 +122,8 @@ impl Graph {
         }
     }
 
-    /// A Linear on `[up | skip]` right after the convolution that makes `up`: the convolution's new weight, and the Linear on
-    /// the skip alone, to which the convolution's result is added.
+    /// A Linear on `[up | skip]` right after the convolution that makes `up`: the convolution's new weight, and the
+    /// Linear on the skip alone, to which the convolution's result is added.
     fn skip(&self, at: usize) -> Option<(ConvWeight, OpKind)> {
         let (_, conv, up) = plain_shuffle(&self.ops[at - 1])?;
         let OpKind::Linear { inputs, weight, activation, film: None, residual: None, output } = &self.ops[at].kind
@@ -250,7 +250,8 @@ impl ConvWeight {
     }
 }
 
-/// Rows `4 c + phase` of a convolution, each `row` long, mixed by a matrix of `columns` columns, of which the first count.
+/// Rows `4 c + phase` of a convolution, each `row` long, mixed by a matrix of `columns` columns, of which the first
+/// count.
 fn mixed(conv: &[f32], row: usize, linear: &[f32], columns: usize) -> Vec<f32> {
     let channels = conv.len() / row / 4;
     let mut out = Vec::with_capacity(conv.len());
@@ -285,7 +286,8 @@ mod tests {
         assert_eq!(saved(Folds { unembed: true, ..Folds::NONE }), "17.92");
         assert_eq!(saved(Folds { skip: true, ..Folds::NONE }), "1.61");
         assert_eq!(saved(Folds { unread: true, ..Folds::NONE }), "1.81");
-        // A norm costs nothing in this count: all but those of the FiLM blocks' convolutions and the bottleneck's FFNs are gone.
+        // A norm costs nothing in this count: all but those of the FiLM blocks' convolutions and the bottleneck's FFNs
+        // are gone.
         let norms = |graph: &Graph| graph.ops.iter().filter(|op| matches!(op.kind, OpKind::LayerNorm { .. })).count();
         assert_eq!((norms(&graph), norms(&graph.folded(Folds { norm: true, ..Folds::NONE }))), (46, 4));
         assert_eq!(graph.folded(Folds::NONE), graph);

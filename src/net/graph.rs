@@ -92,8 +92,8 @@ pub struct LinearWeight {
     pub columns: Range<u32>,
     /// Whether the parts' `.bias` tensors are added.
     pub bias: bool,
-    /// Tensor prefix of the layer normalisation that is folded into it: the Linear's tokens are brought to mean 0 and variance 1
-    /// first, and its matrix and bias take the norm's gain and bias.
+    /// Tensor prefix of the layer normalisation that is folded into it: the Linear's tokens are brought to mean 0 and
+    /// variance 1 first, and its matrix and bias take the norm's gain and bias.
     pub norm: Option<String>,
 }
 
@@ -102,8 +102,8 @@ pub struct LinearWeight {
 pub enum ConvWeight {
     /// The tensor `<prefix>.weight`.
     Tensor(String),
-    /// A convolution before a pixel shuffle and the Linear after it in one: in every phase of the shuffle the first columns
-    /// of the Linear's matrix times the convolution's weight.
+    /// A convolution before a pixel shuffle and the Linear after it in one: in every phase of the shuffle the first
+    /// columns of the Linear's matrix times the convolution's weight.
     Mixed {
         /// Tensor prefix of the convolution, which has no bias.
         conv: String,
@@ -148,8 +148,8 @@ pub enum OpKind {
         /// What it writes.
         output: Slice,
     },
-    /// Pixels of tokens of 2x2: 3x3 convolution to four times the channels, pixel shuffle, 3x3 convolution to three channels,
-    /// all zero-padded by 1. Nothing nonlinear lies between: a pixel is one sum over 4x4 tokens.
+    /// Pixels of tokens of 2x2: 3x3 convolution to four times the channels, pixel shuffle, 3x3 convolution to three
+    /// channels, all zero-padded by 1. Nothing nonlinear lies between: a pixel is one sum over 4x4 tokens.
     Unembed {
         /// What it reads.
         input: Slice,
@@ -225,9 +225,10 @@ pub enum OpKind {
     },
     /// What kernels of pixels are predicted from, and what they read.
     ///
-    /// `h = LeakyRelu(early + tok(tokens) + guess([color | color + residual]))`, where channel `(2 dy + dx) 32 + c` of a
-    /// token goes to its pixel `(dy, dx)`. Of row 25 of `out_full(h)`, `x`, the reliability `b = exp(max(-softplus(x), -40))`. The
-    /// image is `expm1(color) / a`, with `a = m max(albedo, 0.05) + 1 - m`, `m = clamp(20 max(albedo), 0, 1)`.
+    /// `h = LeakyRelu(early + tok(tokens) + guess([color | color + residual]))`, where channel `(2 dy + dx) 32 + c` of
+    /// a token goes to its pixel `(dy, dx)`. Of row 25 of `out_full(h)`, `x`, the reliability `b =
+    /// exp(max(-softplus(x), -40))`. The image is `expm1(color) / a`, with `a = m max(albedo, 0.05) + 1 - m`, `m =
+    /// clamp(20 max(albedo), 0, 1)`.
     KernelInputs {
         /// Tensor prefix.
         head: String,
@@ -251,7 +252,8 @@ pub enum OpKind {
     /// Kernels of every pixel, predicted and applied at full size.
     ///
     /// `out_full(h)`: 25 logits of a kernel, the reliability, three levels' logits, a gate's and nine of a kernel over
-    /// albedo; `out_more(h)`: the logits of further levels. A pixel's mean is by `exp(logit) b` of the taps inside the frame.
+    /// albedo; `out_more(h)`: the logits of further levels. A pixel's mean is by `exp(logit) b` of the taps inside the
+    /// frame.
     PredictKernels {
         /// Tensor prefix.
         head: String,
@@ -284,8 +286,8 @@ pub enum OpKind {
         /// Of every image its mean, and 1.
         output: ValueId,
     },
-    /// The levels of kernels, enlarged bilinearly, mixed by their shares and multiplied by the albedo. With `direct`, by the gate
-    /// mixed with the network's own estimate, in the logarithm. Exposed radiance.
+    /// The levels of kernels, enlarged bilinearly, mixed by their shares and multiplied by the albedo. With `direct`,
+    /// by the gate mixed with the network's own estimate, in the logarithm. Exposed radiance.
     MixLevels {
         /// [`OpKind::PredictKernels`]' result.
         pixels: Slice,
@@ -374,8 +376,8 @@ pub struct Graph {
     pub color: ValueId,
     /// Input: albedo 3, normal 3, depth 1, a map of stride 1 and 7 channels.
     pub aux: ValueId,
-    /// Output, a map of stride 1: what is added to `color`, 3 channels; of a head of kernels the exposed radiance itself, of
-    /// every image 3 channels and a zero.
+    /// Output, a map of stride 1: what is added to `color`, 3 channels; of a head of kernels the exposed radiance
+    /// itself, of every image 3 channels and a zero.
     pub residual: ValueId,
 }
 
@@ -389,8 +391,8 @@ impl Graph {
         Ok(unet::build(arch, 1))
     }
 
-    /// The same for a frame of several images that go through the same kernels, the colour among them. Without kernels there
-    /// is the colour alone.
+    /// The same for a frame of several images that go through the same kernels, the colour among them. Without kernels
+    /// there is the colour alone.
     ///
     /// # Errors
     /// As [`Graph::new`].

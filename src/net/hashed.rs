@@ -1,5 +1,5 @@
-//! Random test weights made from a seed, the same as the training kit's (`tools/train/vkdn/hashweights.py`, which says why
-//! the numbers are what they are): a test can compare with PyTorch without a file of weights.
+//! Random test weights made from a seed, the same as the training kit's (`tools/train/vkdn/hashweights.py`, which says
+//! why the numbers are what they are): a test can compare with PyTorch without a file of weights.
 
 use half::f16;
 

@@ -1,6 +1,7 @@
 //! How a network's last maps become the picture: by a residual that is added, or by kernels that average what is there.
 //!
-//! Its JSON form stands in the architecture of a weights file, shared with the training kit (`tools/train/vkdn/arch.py`).
+//! Its JSON form stands in the architecture of a weights file, shared with the training kit
+//! (`tools/train/vkdn/arch.py`).
 
 use std::str::FromStr;
 

@@ -1,7 +1,7 @@
 //! The operations of a head of kernels ([`super::head`]).
 //!
-//! What every pixel predicts from is the sum of four Linears. Two of them are of maps at full size that the network makes
-//! first: they are applied there, so that one map of their sum is kept and not both maps.
+//! What every pixel predicts from is the sum of four Linears. Two of them are of maps at full size that the network
+//! makes first: they are applied there, so that one map of their sum is kept and not both maps.
 
 use super::builder::{Builder, Linear};
 use super::graph::{Activation, OpKind, Slice};

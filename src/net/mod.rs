@@ -1,4 +1,5 @@
-//! What is computed: the architecture as a value, the graph of typed operations it stands for, its weights and its cost.
+//! What is computed: the architecture as a value, the graph of typed operations it stands for, its weights and its
+//! cost.
 //!
 //! ```text
 //! Arch (JSON, ten named ones) --> Graph (values + ops, pure data) --> cost, table: parameters and FLOPs

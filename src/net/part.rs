@@ -10,8 +10,8 @@ use super::head::Head;
 const PREFIX: &str = "enc.0.0";
 
 impl Graph {
-    /// One block on maps of `channels` at one token a pixel: `color` and `aux` are its two inputs, `residual` its result.
-    /// The weights are those of a whole network, [`Graph::arch`], whose first block it is.
+    /// One block on maps of `channels` at one token a pixel: `color` and `aux` are its two inputs, `residual` its
+    /// result. The weights are those of a whole network, [`Graph::arch`], whose first block it is.
     ///
     /// # Errors
     /// What [`Arch::validate`] finds.

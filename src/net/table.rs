@@ -1,8 +1,8 @@
 //! Costs in the convention of the thesis's tables, so that its numbers can be compared: what the Python tool thop 0.1.1
 //! counts on the original PyTorch networks.
 //!
-//! Against [`super::cost`] it counts, as multiply-adds, 4 per element of a layer norm and 191 per row of a softmax; leaves
-//! out the matmuls of attention and the bias tables; and includes what those networks compute in vain.
+//! Against [`super::cost`] it counts, as multiply-adds, 4 per element of a layer norm and 191 per row of a softmax;
+//! leaves out the matmuls of attention and the bias tables; and includes what those networks compute in vain.
 
 use super::arch::Decoder;
 use super::cost::{self, Flops};

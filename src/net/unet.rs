@@ -11,8 +11,8 @@ pub(super) fn build(arch: &Arch, images: u32) -> Graph {
     let mut b = Builder::new();
     let color = b.map("color", 1, 3);
     let aux = b.map("aux", 1, 7);
-    // The baseline's last decoder stage reads [up | encoder 0] and [up of F1 | F0] side by side: who makes a half writes
-    // it where it will be read.
+    // The baseline's last decoder stage reads [up | encoder 0] and [up of F1 | F0] side by side: who makes a half
+    // writes it where it will be read.
     let wide = (arch.decoder == Decoder::Baseline).then(|| {
         let width = 2 * arch.channels;
         (b.map("dec.0.x", arch.patch, width), b.map("dec.0.f", arch.patch, width))
@@ -87,8 +87,8 @@ pub(super) fn build(arch: &Arch, images: u32) -> Graph {
     }
 }
 
-/// Moves what makes FiLM vectors to where the auxiliary map that it reads has just been written: the decoder's need not be
-/// kept for them.
+/// Moves what makes FiLM vectors to where the auxiliary map that it reads has just been written: the decoder's need not
+/// be kept for them.
 fn film_first(ops: Vec<Op>) -> Vec<Op> {
     let mut ordered: Vec<Op> = Vec::new();
     for op in ops {
@@ -108,7 +108,8 @@ fn film_first(ops: Vec<Op>) -> Vec<Op> {
     ordered
 }
 
-/// X0 at token resolution, and what X0 and F0 at full size add to what a head of kernels predicts from: of F0 it is given.
+/// X0 at token resolution, and what X0 and F0 at full size add to what a head of kernels predicts from: of F0 it is
+/// given.
 fn project_color(b: &mut Builder, arch: &Arch, color: Slice, early: Option<Slice>) -> (Slice, Option<Slice>) {
     let x = b.conv(Conv { activation: Activation::LeakyRelu, ..Conv::new("color_proj", color, arch.channels) });
     if arch.patch == 1 {

@@ -164,8 +164,8 @@ impl Weights {
     /// convolution, `[out, in, 1, 1]`; it is kept as `[out, in]`.
     ///
     /// # Errors
-    /// [`WeightsError::Arch`], [`WeightsError::Missing`], [`WeightsError::Extra`], [`WeightsError::Shape`] (also when the
-    /// data is not as long as the shape says), [`WeightsError::NotFinite`].
+    /// [`WeightsError::Arch`], [`WeightsError::Missing`], [`WeightsError::Extra`], [`WeightsError::Shape`] (also when
+    /// the data is not as long as the shape says), [`WeightsError::NotFinite`].
     pub fn from_parts(
         arch: Arch,
         preprocessing: Preprocessing,

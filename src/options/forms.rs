@@ -31,8 +31,8 @@ pub enum SeparableForm {
     TwoKernels,
     /// As one.
     Fused,
-    /// As one where a workgroup computes all outputs of the pointwise one, as elsewhere each group of them would compute the
-    /// depthwise one anew, and the pointwise one has more inputs than outputs.
+    /// As one where a workgroup computes all outputs of the pointwise one, as elsewhere each group of them would
+    /// compute the depthwise one anew, and the pointwise one has more inputs than outputs.
     Narrow,
 }
 

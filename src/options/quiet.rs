@@ -5,8 +5,9 @@ use crate::kernels::quiet::BLEND_PIXELS;
 use crate::net::graph::Stage;
 use std::str::FromStr;
 
-/// Leaves out what needs no denoising: squares of 16x16 pixels whose noise is low get the caller's own colour, blended beside what
-/// is denoised. The frame is not cut into bands then, so that it may take more device memory ([`Denoiser::memory_required`]).
+/// Leaves out what needs no denoising: squares of 16x16 pixels whose noise is low get the caller's own colour, blended
+/// beside what is denoised. The frame is not cut into bands then, so that it may take more device memory
+/// ([`Denoiser::memory_required`]).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Quiet {
     /// The relative standard deviation of a pixel up to which it is left as it is, above 0. 0.02 is hardly visible.
@@ -30,7 +31,8 @@ impl Quiet {
 pub enum QuietMode {
     /// As far as the denoised pixels depend on: they have the bits of the whole frame's pass.
     Exact,
-    /// As far as margins say. The means that FiLM takes of the whole frame are estimated from a sample of what is quiet.
+    /// As far as margins say. The means that FiLM takes of the whole frame are estimated from a sample of what is
+    /// quiet.
     Approximate(QuietMargins),
 }
 
@@ -56,8 +58,9 @@ impl Default for QuietMode {
     }
 }
 
-/// Pixels beyond the squares that are denoised that every part of the network computes in approximate mode; in whole tiles. Input
-/// and output go at least as far as the blend. Stages are counted from the network's full resolution; the last of an array stands for any after it.
+/// Pixels beyond the squares that are denoised that every part of the network computes in approximate mode; in whole
+/// tiles. Input and output go at least as far as the blend. Stages are counted from the network's full resolution; the
+/// last of an array stands for any after it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct QuietMargins {
     /// The output.

@@ -22,8 +22,8 @@ pub struct Part {
 /// Where the device tells of active tiles.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Activity {
-    /// 32-bit integers: for every square of the map 1 where it was denoised, else 0; then the number of active tiles of every
-    /// part.
+    /// 32-bit integers: for every square of the map 1 where it was denoised, else 0; then the number of active tiles of
+    /// every part.
     pub buffer: BufferId,
     /// The map's size.
     pub size: MapSize,
@@ -76,7 +76,8 @@ impl ActiveTiles {
     }
 }
 
-/// The FLOPs of a recording: what is done whatever is quiet, and for each part of the network what it is with all tiles active.
+/// The FLOPs of a recording: what is done whatever is quiet, and for each part of the network what it is with all tiles
+/// active.
 pub(crate) struct Work {
     fixed: f64,
     parts: Vec<f64>,

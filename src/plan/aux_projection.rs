@@ -9,8 +9,9 @@ use crate::net::graph::OpKind;
 const OPS: usize = 9;
 
 impl Lowering<'_> {
-    /// The kernel of the projection that begins at `at`, its FLOPs, and how many operations it swallows. `None` where none
-    /// begins there, where its maps do not fit, and where lists of tiles are made: it works on two tiles side by side.
+    /// The kernel of the projection that begins at `at`, its FLOPs, and how many operations it swallows. `None` where
+    /// none begins there, where its maps do not fit, and where lists of tiles are made: it works on two tiles side by
+    /// side.
     pub(super) fn aux_projection(&mut self, at: usize) -> Option<(Call, u64, usize)> {
         let graph = self.graph;
         if self.options.arithmetic != Arithmetic::Matrices || self.options.quiet.is_some() {

@@ -1,9 +1,9 @@
-//! Chains of operations that run band by band: what lies between them exists for some rows of the frame at a time, so that
-//! wide maps at full resolution never exist in whole.
+//! Chains of operations that run band by band: what lies between them exists for some rows of the frame at a time, so
+//! that wide maps at full resolution never exist in whole.
 //!
-//! A band of a chain works on the rows that its part of the result depends on, as on a map of their own: its border is the
-//! frame's where it touches it, and elsewhere so far away from the rows that count that its zero padding reaches none of
-//! them. So the result has the bits of the whole.
+//! A band of a chain works on the rows that its part of the result depends on, as on a map of their own: its border is
+//! the frame's where it touches it, and elsewhere so far away from the rows that count that its zero padding reaches
+//! none of them. So the result has the bits of the whole.
 
 use super::lower::Lowering;
 use super::region::restrict_chain;
@@ -32,7 +32,8 @@ impl Band {
 }
 
 impl Lowering<'_> {
-    /// Lowers the operation at `at`, or the chain that begins there where it pays. Returns how many operations that were.
+    /// Lowers the operation at `at`, or the chain that begins there where it pays. Returns how many operations that
+    /// were.
     pub(super) fn chain(&mut self, at: usize) -> usize {
         let chain = Chain::new(self.graph, at, self.options.storage);
         let pixels = u64::from(self.padded.width) * u64::from(self.padded.height);
@@ -84,7 +85,8 @@ impl Lowering<'_> {
     }
 }
 
-/// Consecutive operations of which only the last one's result is read by others, and what is kept for predicted kernels.
+/// Consecutive operations of which only the last one's result is read by others, and what is kept for predicted
+/// kernels.
 struct Chain {
     at: usize,
     ops: usize,
@@ -131,7 +133,8 @@ impl Chain {
     }
 }
 
-/// Pixels that a token of the result reaches beyond itself; `None` for operations that need more than their neighbourhood.
+/// Pixels that a token of the result reaches beyond itself; `None` for operations that need more than their
+/// neighbourhood.
 fn reach_of(graph: &Graph, op: &Op) -> Option<u32> {
     match &op.kind {
         OpKind::Conv3x3 { input, .. } => stride_of(graph, input.value),

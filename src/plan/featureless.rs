@@ -1,6 +1,6 @@
-//! Frames without albedo, normal and depth. Their features are the same at every pixel, so all that is computed of them is
-//! the same at every token, but for the borders, where convolutions read zeros. It is enough to compute a small frame's and
-//! to repeat its middle.
+//! Frames without albedo, normal and depth. Their features are the same at every pixel, so all that is computed of them
+//! is the same at every token, but for the borders, where convolutions read zeros. It is enough to compute a small
+//! frame's and to repeat its middle.
 
 use super::{Buffer, Dispatch, Place};
 use crate::frame::Extent;
@@ -20,8 +20,8 @@ pub enum For {
 }
 
 /// Adds to the dispatches of a frame those of one without features, of which some stand for some of the others. The
-/// dispatches are those of a frame padded to `padded`, a multiple of `multiple`, and know which of them depend on features
-/// alone. New buffers are appended.
+/// dispatches are those of a frame padded to `padded`, a multiple of `multiple`, and know which of them depend on
+/// features alone. New buffers are appended.
 pub fn merge(
     dispatches: Vec<Dispatch>,
     buffers: &mut Vec<Buffer>,
@@ -72,8 +72,8 @@ pub fn merge(
     rest
 }
 
-/// The dispatches of features that a convolution of features follows, with these, and Linears of their results at full size: what
-/// else comes after is no work to speak of.
+/// The dispatches of features that a convolution of features follows, with these, and Linears of their results at full
+/// size: what else comes after is no work to speak of.
 fn chain(dispatches: &[Dispatch], padded: Extent) -> Vec<bool> {
     let mut read: HashSet<BufferId> = HashSet::new();
     let mut chain = vec![false; dispatches.len()];

@@ -1,12 +1,12 @@
-//! Which dispatches depend on the features alone: albedo, normal, depth, and nothing that changes with the colour. What they
-//! computed for one frame holds for the next as long as the features do.
+//! Which dispatches depend on the features alone: albedo, normal, depth, and nothing that changes with the colour. What
+//! they computed for one frame holds for the next as long as the features do.
 
 use super::Dispatch;
 use crate::kernels::BufferId;
 use std::collections::HashSet;
 
-/// Sets [`Dispatch::of_features`]. A dispatch counts that reads neither colour nor options of the frame, nor a buffer that
-/// one that does not count has written, and whose own results no such one overwrites.
+/// Sets [`Dispatch::of_features`]. A dispatch counts that reads neither colour nor options of the frame, nor a buffer
+/// that one that does not count has written, and whose own results no such one overwrites.
 ///
 /// `is_weights` tells the buffers that nobody writes.
 pub fn mark(dispatches: &mut [Dispatch], is_weights: impl Fn(BufferId) -> bool) {

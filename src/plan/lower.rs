@@ -32,8 +32,8 @@ pub fn plan(graph: &Graph, extent: Extent, options: &Target) -> Result<Plan> {
     lowering.finish(&[]).map_err(|bytes| map_too_large(extent, bytes, options))
 }
 
-/// Plans a graph's operations alone, without the frame around them: the caller fills [`Plan::log_color`] and [`Plan::aux`]
-/// and reads [`Plan::residual`], which keep their places throughout.
+/// Plans a graph's operations alone, without the frame around them: the caller fills [`Plan::log_color`] and
+/// [`Plan::aux`] and reads [`Plan::residual`], which keep their places throughout.
 ///
 /// # Errors
 /// As [`plan`].
@@ -274,8 +274,8 @@ impl<'a> Lowering<'a> {
         op_flops(self.graph, op, self.padded.width, self.padded.height).total()
     }
 
-    /// Places the buffers, those of `kept` for all the time, and finds the barriers. Fails with the size of a buffer that no
-    /// block holds.
+    /// Places the buffers, those of `kept` for all the time, and finds the barriers. Fails with the size of a buffer
+    /// that no block holds.
     fn finish(mut self, kept: &[BufferId]) -> Result<Plan, u64> {
         let options = self.options;
         let buffers = &self.buffers;

@@ -224,8 +224,8 @@ impl Plan {
         }
     }
 
-    /// What tells of a pass after it has run: the statistics, and where quiet tiles are left out [`active::Activity`]; of a tile
-    /// its sums.
+    /// What tells of a pass after it has run: the statistics, and where quiet tiles are left out [`active::Activity`];
+    /// of a tile its sums.
     pub fn read_back(&self) -> Vec<BufferId> {
         let activity = self.quiet.as_ref().map(|quiet| quiet.buffer);
         let sums = self.given.iter().flat_map(|given| given.sums.iter().map(|sums| sums.buffer));

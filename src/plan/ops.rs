@@ -11,7 +11,8 @@ use crate::kernels::{
 use crate::net::graph::{Op, OpKind, Slice, conv_outputs};
 
 impl Lowering<'_> {
-    /// The kernel of the operation at `at` and of those that it swallows, the FLOPs of all of them, and how many they are.
+    /// The kernel of the operation at `at` and of those that it swallows, the FLOPs of all of them, and how many they
+    /// are.
     pub(super) fn ops_at(&mut self, at: usize) -> (Call, u64, usize) {
         if let Some(projection) = self.aux_projection(at) {
             return projection;

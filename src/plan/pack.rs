@@ -1,5 +1,5 @@
-//! How weights lie in device memory: in the order in which a kernel reads them, padded with zeros to what it computes at
-//! once, as 32-bit floats or, for matrices, halves.
+//! How weights lie in device memory: in the order in which a kernel reads them, padded with zeros to what it computes
+//! at once, as 32-bit floats or, for matrices, halves.
 
 use super::{predicted, unembed, winograd};
 use crate::kernels::dense::{TILE_CHANNELS, conv_tile_channels};
@@ -33,8 +33,8 @@ pub enum Pack {
         /// Whether a pixel shuffle follows.
         shuffle: bool,
     },
-    /// `[bias | [output / 4][input / 4][point][4 inputs][4 outputs]]` of a dense 3x3 convolution by Winograd's filtering,
-    /// outputs ordered as in [`Pack::Conv3x3`] and padded to a multiple of [`WINOGRAD_CHANNELS`].
+    /// `[bias | [output / 4][input / 4][point][4 inputs][4 outputs]]` of a dense 3x3 convolution by Winograd's
+    /// filtering, outputs ordered as in [`Pack::Conv3x3`] and padded to a multiple of [`WINOGRAD_CHANNELS`].
     Winograd3x3 {
         /// The weight.
         weight: ConvWeight,
@@ -49,10 +49,11 @@ pub enum Pack {
         /// Which transform.
         tile: WinogradTile,
     },
-    /// `[bias | [dy][border in y][border in x][row of 4][input / 4][4 inputs][dx][column of 4]]` of an [`crate::net::OpKind::Unembed`],
-    /// vectors of three outputs and a zero. A pixel `(dy, dx)` of a token takes the tokens from `(dy - 2, dx - 2)` on. On the
-    /// frame's border the second convolution reads zeros for what lies beyond: in y it is the upper one of the first row of
-    /// pixels and the lower one of the last; in x 1 stands for the left one, 2 for the right one.
+    /// `[bias | [dy][border in y][border in x][row of 4][input / 4][4 inputs][dx][column of 4]]` of an
+    /// [`crate::net::OpKind::Unembed`], vectors of three outputs and a zero. A pixel `(dy, dx)` of a token takes the
+    /// tokens from `(dy - 2, dx - 2)` on. On the frame's border the second convolution reads zeros for what lies
+    /// beyond: in y it is the upper one of the first row of pixels and the lower one of the last; in x 1 stands for the
+    /// left one, 2 for the right one.
     Unembed {
         /// Tensor prefix of the first convolution.
         spread: String,
@@ -100,13 +101,13 @@ pub enum Pack {
         /// Heads.
         heads: u32,
     },
-    /// A [`Pack::Conv3x3`] or a [`Pack::Linear`] for kernels on matrices: the biases 32-bit floats, the rest halves. Of a tile's
-    /// rows (taps and inputs, filled up with zeros to a multiple of [`DEPTH`]) `[DEPTH rows][output][row]`, so that those of an output
-    /// lie side by side.
+    /// A [`Pack::Conv3x3`] or a [`Pack::Linear`] for kernels on matrices: the biases 32-bit floats, the rest halves. Of
+    /// a tile's rows (taps and inputs, filled up with zeros to a multiple of [`DEPTH`]) `[DEPTH rows][output][row]`, so
+    /// that those of an output lie side by side.
     Halves(Box<Pack>),
-    /// `[biases of what is predicted from, by pixel of a token | the reliability's row | biases of the outputs | matrix by pixel
-    /// of a token | matrix of the outputs]` of an [`crate::net::OpKind::PredictKernels`], matrices as
-    /// `[output / 4][input][4 outputs]`.
+    /// `[biases of what is predicted from, by pixel of a token | the reliability's row | biases of the outputs | matrix
+    /// by pixel of a token | matrix of the outputs]` of an [`crate::net::OpKind::PredictKernels`], matrices as `[output
+    /// / 4][input][4 outputs]`.
     Kernels {
         /// Tensor prefix.
         head: String,
@@ -316,7 +317,8 @@ impl Pack {
 
 const LARGEST_HALF: f32 = 65504.0;
 
-/// A matrix of so many rows and columns as halves, two in a word: `[DEPTH rows][column][row]`, filled up with rows of zeros.
+/// A matrix of so many rows and columns as halves, two in a word: `[DEPTH rows][column][row]`, filled up with rows of
+/// zeros.
 fn in_blocks(rows: usize, columns: usize, value: impl Fn(usize, usize) -> f32) -> Vec<u32> {
     let depth = DEPTH as usize;
     let mut words = Vec::with_capacity(rows.next_multiple_of(depth) * columns / 2);

@@ -1,14 +1,15 @@
-//! Leaving out tiles that need no denoising: every dispatch of the network runs over a list of tiles that the device makes of its
-//! map of what is quiet.
+//! Leaving out tiles that need no denoising: every dispatch of the network runs over a list of tiles that the device
+//! makes of its map of what is quiet.
 //!
-//! Dispatches of one part of the network at one resolution share a list. A list's tile is active where it looks at a square
-//! of the map that is to be denoised; how far it looks is known here:
+//! Dispatches of one part of the network at one resolution share a list. A list's tile is active where it looks at a
+//! square of the map that is to be denoised; how far it looks is known here:
 //! * exact: as far as the region's propagation says ([`super::region`]), from every square of the map in turn;
-//! * approximate: as far as its stage's margin says. Where others read beyond its tiles, they find zeros, as convolutions do at
-//!   the border of the frame.
+//! * approximate: as far as its stage's margin says. Where others read beyond its tiles, they find zeros, as
+//!   convolutions do at the border of the frame.
 //!
-//! What the whole frame is needed of, the features whose mean FiLM takes, stays whole in exact mode. In approximate mode the mean is
-//! estimated, and their lists have the squares of a regular sample too ([`Sample`]), which stand for all quiet ones.
+//! What the whole frame is needed of, the features whose mean FiLM takes, stays whole in exact mode. In approximate
+//! mode the mean is estimated, and their lists have the squares of a regular sample too ([`Sample`]), which stand for
+//! all quiet ones.
 
 use super::active::{Activity, Part};
 use super::featureless::For;
@@ -25,7 +26,8 @@ use std::collections::HashMap;
 
 /// Squares of a frame that are to be sampled, at least: the more there are, the better they stand for all.
 const SAMPLES: u32 = 128;
-/// One of so few squares is sampled in a small frame: a sampled square has neighbours computed with it, for convolutions.
+/// One of so few squares is sampled in a small frame: a sampled square has neighbours computed with it, for
+/// convolutions.
 const DENSEST: u32 = 16;
 /// One of so many squares in a large frame.
 const SPARSEST: u32 = 64;
@@ -227,8 +229,8 @@ enum Scope {
     Whole,
 }
 
-/// What every dispatch computes. Those that the whole frame is needed of are sampled in approximate mode, unless they are kept for the
-/// next frame, of which other squares may be quiet.
+/// What every dispatch computes. Those that the whole frame is needed of are sampled in approximate mode, unless they
+/// are kept for the next frame, of which other squares may be quiet.
 fn scopes(merged: &[(Dispatch, For)], frame: &Frame) -> Vec<Scope> {
     let mut scopes = vec![Scope::Active; merged.len()];
     let of_mean = match frame.mode {

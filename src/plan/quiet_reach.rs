@@ -21,8 +21,8 @@ fn look(reach: &mut [Reach; REACHES], tile_pixels: u32, square: u32, (first, end
     }
 }
 
-/// Tiles look at the squares that need them, with their blend: found square by square along the frame's diagonal, as columns and
-/// rows do not depend on each other.
+/// Tiles look at the squares that need them, with their blend: found square by square along the frame's diagonal, as
+/// columns and rows do not depend on each other.
 pub(super) fn reach_exactly(lists: &mut [List], list_of: &[Option<usize>], merged: &[(Dispatch, For)], frame: &Frame) {
     let Extent { width, height } = frame.extent;
     for other in KINDS {
@@ -111,8 +111,8 @@ fn each_read(merged: &[(Dispatch, For)], list_of: &[Option<usize>], mut each: im
     }
 }
 
-/// The dispatches and those of their results that are read beyond their own tiles, by convolutions or by dispatches over another
-/// list, with the side of a tile of theirs in tokens of the result.
+/// The dispatches and those of their results that are read beyond their own tiles, by convolutions or by dispatches
+/// over another list, with the side of a tile of theirs in tokens of the result.
 pub(super) fn read_beyond(merged: &[(Dispatch, For)], list_of: &[Option<usize>]) -> HashMap<(usize, BufferId), u32> {
     let mut found = HashMap::new();
     each_read(merged, list_of, |(at, reader), (from, producer), id| {

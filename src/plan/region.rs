@@ -2,11 +2,11 @@
 //! count. All of them are rectangles, as every kernel takes a rectangle of tokens from a rectangle of tokens: itself
 //! (pointwise), a border of one more (3x3), or whole windows (attention; a window is a tile).
 //!
-//! A dispatch covers its rectangle with tiles. What these hold beyond it is computed from whatever the arena holds and is
-//! read by nobody.
+//! A dispatch covers its rectangle with tiles. What these hold beyond it is computed from whatever the arena holds and
+//! is read by nobody.
 //!
-//! What is one number for the frame stays the frame's: exposure, depth scale, and the FiLM means, which need all tokens of
-//! the auxiliary features of their stage.
+//! What is one number for the frame stays the frame's: exposure, depth scale, and the FiLM means, which need all tokens
+//! of the auxiliary features of their stage.
 
 use super::{Dispatch, Plan};
 use crate::frame::Region;
@@ -15,8 +15,8 @@ use std::collections::HashMap;
 
 impl Plan {
     /// The dispatches, each over the tiles that the pixels of `region` depend on, their FLOPs in proportion. Those that
-    /// the pixels do not depend on are skipped. What is written has the bits of the whole frame's pass. Where the plan keeps
-    /// what depends on the features alone, that is the whole frame's: the next frame may want another region.
+    /// the pixels do not depend on are skipped. What is written has the bits of the whole frame's pass. Where the plan
+    /// keeps what depends on the features alone, that is the whole frame's: the next frame may want another region.
     pub fn of_region(&self, region: Region) -> Vec<Dispatch> {
         let mut dispatches = self.dispatches.clone();
         self.restrict_to(region, &mut dispatches);
@@ -56,8 +56,8 @@ pub(super) fn set_region(region: Region, dispatches: &mut [Dispatch]) {
     }
 }
 
-/// The tokens that every dispatch has to compute of its result for the pixels of `region`, and no others; `None` for those
-/// without tiles and for those that are kept as they are.
+/// The tokens that every dispatch has to compute of its result for the pixels of `region`, and no others; `None` for
+/// those without tiles and for those that are kept as they are.
 pub(super) fn needed_tokens(
     dispatches: &[Dispatch],
     region: Region,
@@ -114,8 +114,8 @@ fn covering(grid: &Grid, rect: TokenRect) -> Tiles {
     Tiles::Rect(TileRect::covering(rect, width, height))
 }
 
-/// Restricts calls that run one after the other to what those whose result stays need for the pixel rows `first..end` of the frame.
-/// The views are of the frame's rows from `top` to `bottom`.
+/// Restricts calls that run one after the other to what those whose result stays need for the pixel rows `first..end`
+/// of the frame. The views are of the frame's rows from `top` to `bottom`.
 pub(super) fn restrict_chain(
     calls: &mut [&mut Call],
     stays: &[bool],

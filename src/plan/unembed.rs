@@ -1,8 +1,8 @@
 //! The weights of [`crate::kernels::unembed`]: two convolutions with a pixel shuffle between them, as one sum.
 //!
-//! The second convolution reads a pixel's neighbours, each of which the first makes of 3x3 tokens; a pixel of phase `d` of its
-//! token meets the tokens from `d - 2` to `d + 1` of each direction. Beyond the frame the second reads zeros, not what the
-//! first would make there: weights of a border leave out that tap.
+//! The second convolution reads a pixel's neighbours, each of which the first makes of 3x3 tokens; a pixel of phase `d`
+//! of its token meets the tokens from `d - 2` to `d + 1` of each direction. Beyond the frame the second reads zeros,
+//! not what the first would make there: weights of a border leave out that tap.
 
 use super::pack::halves;
 use crate::kernels::unembed::{BLOCK, MATRIX_OUTPUTS, MATRIX_SETS, ROWS, SETS, TAPS};

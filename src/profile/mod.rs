@@ -62,8 +62,8 @@ impl Profiler {
     /// What the last recording of `slot` measured, in the order of the plan; `None` as long as the GPU has not finished
     /// it, or where none was recorded. It does not wait.
     ///
-    /// To be called after the recording's own fence. Where a slot was recorded again and the new commands have not begun
-    /// yet, the times are still those of the run before.
+    /// To be called after the recording's own fence. Where a slot was recorded again and the new commands have not
+    /// begun yet, the times are still those of the run before.
     ///
     /// # Errors
     /// [`Error::InvalidOption`] where there is no such slot; [`Error::DeviceLost`], [`Error::Vulkan`].

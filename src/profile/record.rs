@@ -22,7 +22,8 @@ pub struct KernelRecord {
     pub matrix: bool,
     /// Size of the result and channels.
     pub shape: Shape,
-    /// Whether it was left out, as nothing depended on it or its result was known; it then has no FLOPs, groups or bytes.
+    /// Whether it was left out, as nothing depended on it or its result was known; it then has no FLOPs, groups or
+    /// bytes.
     pub skipped: bool,
     /// Tiles that it worked on and those of its whole map, each counted once; `None` for kernels without tiles.
     pub tiles: Option<[u32; 2]>,
@@ -75,8 +76,8 @@ impl KernelRecord {
         }
     }
 
-    /// Counts the tiles, FLOPs and bytes of those tiles that were active, where the device alone knew which; until then they are
-    /// those of all tiles.
+    /// Counts the tiles, FLOPs and bytes of those tiles that were active, where the device alone knew which; until then
+    /// they are those of all tiles.
     pub fn count_active(&mut self, active: &ActiveTiles) {
         let Some(list) = self.list else { return };
         let share = active.share(list);

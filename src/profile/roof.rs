@@ -1,5 +1,5 @@
-//! What the device can do at most, measured: the roofs of Williams, Waterman and Patterson, "Roofline: an insightful visual
-//! performance model for multicore architectures" (2009).
+//! What the device can do at most, measured: the roofs of Williams, Waterman and Patterson, "Roofline: an insightful
+//! visual performance model for multicore architectures" (2009).
 
 use crate::error::{Error, Result};
 use crate::kernels::contract::Contract;
@@ -81,7 +81,8 @@ impl Roof {
         self.flops_f32.min(intensity * self.bytes_f32)
     }
 
-    /// The same of products on cooperative matrices between maps of 32-bit floats; as [`Roof::at`] where there are none.
+    /// The same of products on cooperative matrices between maps of 32-bit floats; as [`Roof::at`] where there are
+    /// none.
     pub fn of_matrices_at(&self, intensity: f64) -> f64 {
         self.flops_matrix.unwrap_or(self.flops_f32).min(intensity * self.bytes_f32)
     }
@@ -152,8 +153,8 @@ impl Meter {
 
     fn dispatch(&mut self, contract: &'static Contract, push: &[u8], groups: u32) -> Result<f64> {
         let (device, pipeline) = (self.device.clone(), self.pipelines.get(contract)?);
-        // SAFETY: the command buffer is ours, the addresses are of buffers in `self` as long as the dispatch reaches, and
-        // `best` waits.
+        // SAFETY: the command buffer is ours, the addresses are of buffers in `self` as long as the dispatch reaches,
+        // and `best` waits.
         self.best(|commands| unsafe {
             let device = device.raw();
             device.cmd_bind_pipeline(commands, vk::PipelineBindPoint::COMPUTE, pipeline.raw);

@@ -40,8 +40,8 @@ impl Linear {
     }
 }
 
-/// The mean around `(x, y)` of `side` x `side` taps by `exp(logit)` times the weight that `read` gives with a value; taps outside
-/// `size` are left out. `None` where nothing has a weight.
+/// The mean around `(x, y)` of `side` x `side` taps by `exp(logit)` times the weight that `read` gives with a value;
+/// taps outside `size` are left out. `None` where nothing has a weight.
 fn mean(
     logits: &[f64],
     side: u32,

@@ -1,5 +1,5 @@
-//! Files that save work between processes, in a folder of the user's. They hold nothing that cannot be made again: one that is
-//! missing, damaged or cannot be written costs time, and is no error.
+//! Files that save work between processes, in a folder of the user's. They hold nothing that cannot be made again: one
+//! that is missing, damaged or cannot be written costs time, and is no error.
 
 use crate::kernels::spirv;
 use crate::vk::caps::Identity;
@@ -88,7 +88,8 @@ impl CacheFile {
         (header == Self::header(payload)).then(|| payload.to_vec())
     }
 
-    /// Replaces the file as a whole: whoever reads it meanwhile, in this process or another, sees the old one or the new one.
+    /// Replaces the file as a whole: whoever reads it meanwhile, in this process or another, sees the old one or the
+    /// new one.
     pub fn write(&self, payload: &[u8]) -> io::Result<()> {
         static WRITTEN: AtomicU64 = AtomicU64::new(0);
         if payload.len() as u64 > MOST {
@@ -123,7 +124,8 @@ fn write_new(path: &Path, header: &[u8], payload: &[u8]) -> io::Result<()> {
 
 /// Tells damage, not intent: whoever writes to the user's folder can do worse.
 pub(crate) fn hash(bytes: &[u8]) -> u64 {
-    // One implementation for a release of the standard library; another one reads the file as damaged and writes it again.
+    // One implementation for a release of the standard library; another one reads the file as damaged and writes it
+    // again.
     let mut hasher = std::hash::DefaultHasher::new();
     hasher.write(bytes);
     hasher.finish()

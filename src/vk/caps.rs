@@ -114,8 +114,9 @@ pub struct Identity {
 /// Smallest subgroup of [`Need::CpuDriver`]: so many lanes share what they load.
 const SHARING_LANES: u32 = 8;
 
-/// From this Mesa on lavapipe's `subgroupBroadcast` is one instruction where its lane is constant (25.0.7, measured). On 22.3.6
-/// it looks for an active lane in a loop. `subgroupShuffle` is one instruction over eight lanes, a loop over sixteen.
+/// From this Mesa on lavapipe's `subgroupBroadcast` is one instruction where its lane is constant (25.0.7, measured).
+/// On 22.3.6 it looks for an active lane in a loop. `subgroupShuffle` is one instruction over eight lanes, a loop over
+/// sixteen.
 const BROADCASTING_MESA: u32 = 25;
 
 /// Size of a texel: four 32-bit floats.
@@ -345,7 +346,8 @@ pub(crate) fn has_pipeline_statistics(instance: &ash::Instance, physical: vk::Ph
     executables.pipeline_executable_info == vk::TRUE
 }
 
-/// The major version that lavapipe tells of Mesa, such as `Mesa 22.3.6 (LLVM 15.0.6)`: before Mesa 23 `driverVersion` says 1.
+/// The major version that lavapipe tells of Mesa, such as `Mesa 22.3.6 (LLVM 15.0.6)`: before Mesa 23 `driverVersion`
+/// says 1.
 fn mesa_major(driver_info: &str) -> Option<u32> {
     driver_info.strip_prefix("Mesa ")?.split('.').next()?.parse().ok()
 }

@@ -58,14 +58,16 @@ pub struct RendererDevice {
     /// Whether `hostQueryReset` was enabled: [`crate::Profiler`] needs it.
     pub host_query_reset: bool,
     /// The functions of `VK_KHR_cooperative_matrix`, where it was enabled together with all of
-    /// [`Requirements::matrix_extensions`] and [`Requirements::matrix_features`]: [`crate::Precision::Matrix`] needs them.
+    /// [`Requirements::matrix_extensions`] and [`Requirements::matrix_features`]: [`crate::Precision::Matrix`] needs
+    /// them.
     pub cooperative_matrix: Option<khr::cooperative_matrix::Instance>,
     /// Where compiled kernels and measured choices are kept for the next process.
     pub cache: Cache,
 }
 
 impl RendererDevice {
-    /// A device without optional features, whose kernels are kept in [`Cache::User`]; the fields say what else was enabled.
+    /// A device without optional features, whose kernels are kept in [`Cache::User`]; the fields say what else was
+    /// enabled.
     pub fn new(
         instance: ash::Instance,
         physical_device: vk::PhysicalDevice,
@@ -241,8 +243,8 @@ impl Device {
     ///
     /// # Safety
     /// The handles must be valid, belong together and outlive this `Device` and everything made from it; the device
-    /// must have been created with everything of [`Device::requirements`] enabled, and with those of its optional features
-    /// that `renderer` says were.
+    /// must have been created with everything of [`Device::requirements`] enabled, and with those of its optional
+    /// features that `renderer` says were.
     pub unsafe fn from_renderer(renderer: RendererDevice) -> Result<Self> {
         let RendererDevice {
             instance,
@@ -356,8 +358,8 @@ impl Device {
 
 impl Drop for Inner {
     fn drop(&mut self) {
-        // SAFETY: every object made from the device holds a clone of `Device`, so none is left; allocator and cache must go
-        // before the device, and the instance (a field) goes last.
+        // SAFETY: every object made from the device holds a clone of `Device`, so none is left; allocator and cache
+        // must go before the device, and the instance (a field) goes last.
         unsafe {
             ManuallyDrop::drop(&mut self.allocator);
             self.raw.destroy_pipeline_cache(self.pipeline_cache.raw, None);

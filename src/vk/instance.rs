@@ -26,8 +26,8 @@ pub(crate) struct OwnedInstance {
 }
 
 impl OwnedInstance {
-    /// Opens the loader (the system's, or the library at `loader`) and makes a Vulkan 1.2 instance, with the validation layer (and its synchronisation
-    /// validation) when asked for.
+    /// Opens the loader (the system's, or the library at `loader`) and makes a Vulkan 1.2 instance, with the validation
+    /// layer (and its synchronisation validation) when asked for.
     pub fn new(loader: Option<&Path>, validation: bool) -> Result<Self> {
         // SAFETY: loading a Vulkan loader; it runs no code of ours.
         let entry = unsafe { loader.map_or_else(|| ash::Entry::load(), |path| ash::Entry::load_from(path)) }

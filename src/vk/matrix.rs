@@ -1,5 +1,5 @@
-//! Cooperative matrices (`VK_KHR_cooperative_matrix`): whether a device has those that the kernels use, and what must be
-//! enabled for them.
+//! Cooperative matrices (`VK_KHR_cooperative_matrix`): whether a device has those that the kernels use, and what must
+//! be enabled for them.
 
 use ash::{ext, khr, vk};
 use std::ffi::CStr;
@@ -23,8 +23,8 @@ pub(crate) const FEATURES: [&str; 7] = [
     "vulkanMemoryModelDeviceScope",
 ];
 
-/// Size of a device's matrices: rows x depth halves times depth x columns halves, added to rows x columns 32-bit floats,
-/// by the invocations of one subgroup.
+/// Size of a device's matrices: rows x depth halves times depth x columns halves, added to rows x columns 32-bit
+/// floats, by the invocations of one subgroup.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub struct MatrixShape {
     /// Rows of the first factor and of the sum.

@@ -1,5 +1,5 @@
-//! Everything that touches Vulkan: devices, memory, pipelines, submission. `unsafe` lives here and where commands are recorded or a
-//! renderer's handles are taken (`record.rs`, `pass.rs`, `renderer.rs`, `host.rs`).
+//! Everything that touches Vulkan: devices, memory, pipelines, submission. `unsafe` lives here and where commands are
+//! recorded or a renderer's handles are taken (`record.rs`, `pass.rs`, `renderer.rs`, `host.rs`).
 
 pub(crate) mod cache;
 pub mod caps;

@@ -96,7 +96,8 @@ pub(crate) fn descriptor_type(ty: BindingType) -> vk::DescriptorType {
 impl Drop for Pipeline {
     fn drop(&mut self) {
         let device = self.device.raw();
-        // SAFETY: owners wait for the device to be done before they drop a pipeline; destroying null handles is allowed.
+        // SAFETY: owners wait for the device to be done before they drop a pipeline; destroying null handles is
+        // allowed.
         unsafe {
             device.destroy_pipeline(self.raw, None);
             device.destroy_pipeline_layout(self.layout, None);

@@ -17,7 +17,8 @@ pub(crate) struct PipelineCache {
 const HEADER: usize = 32;
 
 impl PipelineCache {
-    /// With what the file of this device, driver and set of kernels holds. What is damaged or another driver's is left alone.
+    /// With what the file of this device, driver and set of kernels holds. What is damaged or another driver's is left
+    /// alone.
     pub fn new(device: &ash::Device, identity: &Identity, cache: &Cache) -> Self {
         let file = CacheFile::of_device(cache, "pipelines", identity);
         let kept = file.as_ref().and_then(CacheFile::read).filter(|data| is_of(data, identity));

@@ -45,8 +45,8 @@ impl RendererDevice {
     /// The device of these handles. Its `cache` is [`Cache::User`]; set the field for another.
     ///
     /// # Errors
-    /// [`Error::InvalidOption`] where a handle or the function is null, and where `get_instance_proc_addr` does not find
-    /// the functions of Vulkan 1.2 (an instance made for less, or no instance of that loader).
+    /// [`Error::InvalidOption`] where a handle or the function is null, and where `get_instance_proc_addr` does not
+    /// find the functions of Vulkan 1.2 (an instance made for less, or no instance of that loader).
     ///
     /// # Safety
     /// The handles are valid and belong together, and `get_instance_proc_addr` is the `vkGetInstanceProcAddr` of the

@@ -64,7 +64,8 @@ impl Timestamps {
     /// [`Error::DeviceLost`], [`Error::Vulkan`].
     pub fn read(&self, first: u32, count: u32) -> Result<Option<Vec<f64>>> {
         let mut ticks = vec![0u64; count as usize];
-        // SAFETY: the pool is ours and all its queries were reset when it was made. Without WAIT the call returns at once.
+        // SAFETY: the pool is ours and all its queries were reset when it was made. Without WAIT the call returns at
+        // once.
         let read = unsafe {
             self.device.raw().get_query_pool_results(self.pool, first, &mut ticks, vk::QueryResultFlags::TYPE_64)
         };

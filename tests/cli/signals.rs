@@ -135,7 +135,8 @@ fn other_layers_are_what_their_channels_say() {
     assert_eq!(channels(&out)["P.X"], before["P.X"]);
 }
 
-/// Other prefixes than Blender's; what is in no group is said, and what is denoised or a feature by its name is no group.
+/// Other prefixes than Blender's; what is in no group is said, and what is denoised or a feature by its name is no
+/// group.
 #[test]
 fn light_groups_that_are_not_all_are_noted() {
     let d = Directory::new();

@@ -22,15 +22,15 @@ pub const PREPROCESSING: Preprocessing =
 /// What a kernel may be wrong by: NMSE of its result, without residual.
 pub const KERNEL_LIMIT: f64 = 1e-10;
 
-/// The same where the result is stored in halves and rounded to the nearest: the error is uniform within half a unit in the
-/// last place, 2^-11 of a power of two, so its mean square is at most 2^-20 / 12.
+/// The same where the result is stored in halves and rounded to the nearest: the error is uniform within half a unit in
+/// the last place, 2^-11 of a power of two, so its mean square is at most 2^-20 / 12.
 pub const HALF_LIMIT: f64 = 8e-8;
 
 /// Both storages and their limits, without matrices.
 pub const STORAGES: [(Storage, f64); 2] = [(Storage::F32, KERNEL_LIMIT), (Storage::F16, HALF_LIMIT)];
 
-/// Random weights of a network of two FiLM stages, of `channels` (a standard convolution) and twice as many (a separable
-/// one), and a bottleneck of four times as many.
+/// Random weights of a network of two FiLM stages, of `channels` (a standard convolution) and twice as many (a
+/// separable one), and a bottleneck of four times as many.
 pub fn small_net(channels: u32, bottleneck: Block) -> Weights {
     let stage = |conv| StageSpec { encoder_blocks: 1, decoder_blocks: 1, heads: 1, block: Block::FilmCnn { conv } };
     let arch = Arch {
@@ -53,12 +53,13 @@ pub const DENSE_FORMS: [(Storage, Arithmetic, f64); 3] = [
     (Storage::F16, Arithmetic::Matrices, MATRIX_LIMIT),
 ];
 
-/// What a kernel on matrices of halves may be wrong by. Rounding to a half changes a factor by at most 2^-11 of itself, in the
-/// mean square over all of them by 2^-11 / sqrt(6); errors of two independent factors add up to a third of 2^-22, and cancel
-/// in a sum as its terms do.
+/// What a kernel on matrices of halves may be wrong by. Rounding to a half changes a factor by at most 2^-11 of itself,
+/// in the mean square over all of them by 2^-11 / sqrt(6); errors of two independent factors add up to a third of
+/// 2^-22, and cancel in a sum as its terms do.
 pub const MATRIX_LIMIT: f64 = 1.0 / (1u64 << 22) as f64;
 
-/// Cases on matrices: all of them, or on a CPU driver, which takes ten seconds and more to compile a pipeline, the first of them.
+/// Cases on matrices: all of them, or on a CPU driver, which takes ten seconds and more to compile a pipeline, the
+/// first of them.
 pub fn worth_compiling<T: Copy>(cases: &[T], on_cpu: usize) -> Vec<T> {
     let count = if device().info().kind == DeviceKind::Cpu { on_cpu } else { cases.len() };
     cases[..count].to_vec()
@@ -323,8 +324,8 @@ impl Cases {
         }
     }
 
-    /// The elements in a buffer's words, as the bits of 32-bit floats; where nothing is expected, the sentinel's are the
-    /// sentinel (elsewhere they may be a value).
+    /// The elements in a buffer's words, as the bits of 32-bit floats; where nothing is expected, the sentinel's are
+    /// the sentinel (elsewhere they may be a value).
     fn elements(&self, id: BufferId, words: &[u32], expected: &[f64]) -> Vec<u32> {
         if self.buffers[id.0].storage == Storage::F32 {
             return words.to_vec();

@@ -26,8 +26,8 @@ pub struct Ending {
     pub activation: Activation,
 }
 
-/// One of four, as a driver compiles a pipeline for each: every part occurs, and in one all of them, whose order counts. That one
-/// alone on matrices, whose pipelines take CPU drivers long.
+/// One of four, as a driver compiles a pipeline for each: every part occurs, and in one all of them, whose order
+/// counts. That one alone on matrices, whose pipelines take CPU drivers long.
 pub fn ending(cases: &mut Cases, channels: u32) -> Ending {
     let all = (true, true, Activation::LeakyRelu);
     let (film, residual, activation) = match cases.arithmetic {

@@ -4,8 +4,8 @@ use std::sync::OnceLock;
 use vkdenoise::vk::device::DeviceOptions;
 use vkdenoise::{Cache, Device, DeviceSelector};
 
-/// The device that `VKDENOISE_DEVICE` names, or the best. Without the layer where `VKDENOISE_VALIDATION` is `off`: a machine that
-/// is there to be measured need not have it.
+/// The device that `VKDENOISE_DEVICE` names, or the best. Without the layer where `VKDENOISE_VALIDATION` is `off`: a
+/// machine that is there to be measured need not have it.
 pub fn device() -> &'static Device {
     static DEVICE: OnceLock<Device> = OnceLock::new();
     DEVICE.get_or_init(|| {

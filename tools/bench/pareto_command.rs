@@ -17,8 +17,8 @@ pub struct ParetoArgs {
     /// Results file, a JSON line a record. A sweep that was stopped goes on with it.
     #[arg(long, default_value = "pareto.jsonl")]
     results: PathBuf,
-    /// A network that ships (hybrid, expanded_patch) or another as NAME=WEIGHTS; may be given again. Those that ship, where
-    /// none is named.
+    /// A network that ships (hybrid, expanded_patch) or another as NAME=WEIGHTS; may be given again. Those that ship,
+    /// where none is named.
     #[arg(long)]
     network: Vec<NetworkSpec>,
     /// Only the tier of this name; may be given again. All that the device runs, where none is named.
@@ -33,8 +33,8 @@ pub struct ParetoArgs {
     /// Timed runs of every setting on every frame, after one that warms up.
     #[arg(long, default_value_t = 5, value_parser = clap::value_parser!(u32).range(1..))]
     repeat: u32,
-    /// Side of the upper left part that is compared with f64, in pixels; 128x128 takes ten seconds on two cores. 0: nothing
-    /// is compared.
+    /// Side of the upper left part that is compared with f64, in pixels; 128x128 takes ten seconds on two cores. 0:
+    /// nothing is compared.
     #[arg(long, default_value_t = 128)]
     exact_side: u32,
     /// A program to measure beside the engine, as NAME=COMMAND; may be given again. tools/measure/oidn_peer.py and

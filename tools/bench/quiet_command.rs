@@ -23,8 +23,8 @@ pub struct QuietArgs {
     /// Relative noise below which nothing is denoised.
     #[arg(long, default_value_t = 0.025)]
     threshold: f32,
-    /// Rules to try: exact, approximate, or margins in pixels of output, decoder 0, 1, 2, bottleneck, encoder 2, 1, 0 and
-    /// input, as in 0,8,32,64,0,64,32,8,0.
+    /// Rules to try: exact, approximate, or margins in pixels of output, decoder 0, 1, 2, bottleneck, encoder 2, 1, 0
+    /// and input, as in 0,8,32,64,0,64,32,8,0.
     #[arg(long = "mode", default_values = ["approximate", "exact"], value_parser = mode)]
     modes: Vec<(String, QuietMode)>,
     /// Timed rounds; each runs every rule once, in turn.
@@ -115,7 +115,8 @@ fn shares(active: &ActiveTiles) -> Vec<serde_json::Value> {
     active.parts.iter().enumerate().map(share).collect()
 }
 
-/// Denoised squares and the others apart: decibels to the whole pass, PSNR to the reference, whether the bits are the whole pass's.
+/// Denoised squares and the others apart: decibels to the whole pass, PSNR to the reference, whether the bits are the
+/// whole pass's.
 fn picture(
     extent: Extent,
     active: &ActiveTiles,

@@ -102,8 +102,8 @@ pub struct Args {
     #[arg(long, value_name = "A", default_value_t = 0.0, allow_hyphen_values = true, value_parser = share)]
     pub blend: f32,
 
-    /// Lone pixels much brighter than those around: "keep" their light, "mend" them (a path that found a lamp by chance), or "auto":
-    /// mend where the image is noisy, keep where it is clean, as stars are
+    /// Lone pixels much brighter than those around: "keep" their light, "mend" them (a path that found a lamp by
+    /// chance), or "auto": mend where the image is noisy, keep where it is clean, as stars are
     #[arg(long, value_name = "F", default_value = "auto", value_parser = parsed::<Fireflies>)]
     pub fireflies: Fireflies,
 

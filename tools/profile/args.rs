@@ -10,9 +10,9 @@ use vkdenoise::{DeviceSelector, Extent, Precision, QuietMode, Region};
 /// Where the time goes: networks, blocks and convolutions, kernel by kernel, by timestamps in the command buffer.
 ///
 /// Every time is the median of the repeats after a warm-up, with the least and the spread (the distance between the
-/// quartiles). FLOPs are those that the network asks for, two a multiply-add, whatever a kernel computes; bytes are what a
-/// kernel must read and write once. Percent of the roof: of the multiply-add rate or of what the copy bandwidth feeds at
-/// the kernel's intensity, whichever is less, both measured in the same run.
+/// quartiles). FLOPs are those that the network asks for, two a multiply-add, whatever a kernel computes; bytes are
+/// what a kernel must read and write once. Percent of the roof: of the multiply-add rate or of what the copy bandwidth
+/// feeds at the kernel's intensity, whichever is less, both measured in the same run.
 #[derive(Debug, Parser)]
 #[command(version, max_term_width = 100)]
 pub struct Arguments {
@@ -45,8 +45,8 @@ pub enum Command {
         /// Arithmetic: "auto" (as suits the device), "fp32" or "matrix" (dense convolutions on cooperative matrices)
         #[arg(long, value_name = "P", env = "VKDENOISE_PRECISION", default_value = "auto", value_parser = precision)]
         precision: Precision,
-        /// Run chains of kernels band by band of the frame where a map between them would take more than this; as suits the
-        /// device where it is left out
+        /// Run chains of kernels band by band of the frame where a map between them would take more than this; as suits
+        /// the device where it is left out
         #[arg(long, value_name = "MIB")]
         max_chain_mib: Option<u64>,
         /// Denoise these pixels alone: left column, top row, width, height
@@ -115,8 +115,8 @@ pub enum Command {
         /// Arithmetic and storage: auto, fp32, fp16 or matrix
         #[arg(long, value_name = "P", env = "VKDENOISE_PRECISION", default_value = "auto", value_parser = precision)]
         precision: Precision,
-        /// Which device: "h100" (measured), "mid-range" (0.5 TB/s, 58 TFLOP/s on matrices), "device" (the one at hand), or a
-        /// JSON file
+        /// Which device: "h100" (measured), "mid-range" (0.5 TB/s, 58 TFLOP/s on matrices), "device" (the one at hand),
+        /// or a JSON file
         #[arg(long, value_name = "T", default_value = "h100")]
         target: String,
         #[command(flatten)]
@@ -200,7 +200,8 @@ pub struct Common {
     /// Vulkan device: "best", an index or part of a name
     #[arg(long, value_name = "D", env = "VKDENOISE_DEVICE", default_value = "best")]
     pub device: DeviceSelector,
-    /// Subgroups that share a tile's tokens in dense kernels on matrices: 1 or 2; as suits the device where it is left out
+    /// Subgroups that share a tile's tokens in dense kernels on matrices: 1 or 2; as suits the device where it is left
+    /// out
     #[arg(long, value_name = "N", value_parser = clap::value_parser!(u32).range(1..=2))]
     pub matrix_halves: Option<u32>,
     /// Time whole passes on the host, and no kernels, as on a device without timestamps

@@ -24,8 +24,8 @@ pub struct Measured {
     pub whole: Summary,
     /// Milliseconds of CPU time of the whole, on CPU drivers.
     pub cpu: Option<Summary>,
-    /// Its cost over that of the first candidate, the median of the pairs of a turn: of CPU time on CPU drivers, else of
-    /// time.
+    /// Its cost over that of the first candidate, the median of the pairs of a turn: of CPU time on CPU drivers, else
+    /// of time.
     pub ratio: f64,
     /// The kernels of every run; none without timestamps.
     pub runs: Vec<Vec<KernelRecord>>,

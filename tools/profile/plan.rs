@@ -1,5 +1,5 @@
-//! `plan`: what a network's pass asks of a device that need not be there. A plan is data, and so is what a device can do: every
-//! kernel's FLOPs and bytes, and the time that a roofline gives it.
+//! `plan`: what a network's pass asks of a device that need not be there. A plan is data, and so is what a device can
+//! do: every kernel's FLOPs and bytes, and the time that a roofline gives it.
 
 use crate::session::Session;
 use crate::table::{self, number};

@@ -46,8 +46,8 @@ impl Session {
         Ok(Self { device, roof, repeat: common.repeat, warm_up: common.warm_up })
     }
 
-    /// What a piece of work costs beside its time: milliseconds of this process's CPU time on CPU drivers, where other work
-    /// on the machine stretches the time but hardly this; `None` elsewhere.
+    /// What a piece of work costs beside its time: milliseconds of this process's CPU time on CPU drivers, where other
+    /// work on the machine stretches the time but hardly this; `None` elsewhere.
     pub fn cpu_ms<T>(&self, work: impl FnOnce() -> Result<T, Error>) -> Result<(T, Option<f64>), Error> {
         let clock = ProcessTime::now();
         let done = work()?;

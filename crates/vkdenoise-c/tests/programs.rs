@@ -190,7 +190,8 @@ fn the_interface_is_the_stored_one() {
     }
 }
 
-/// What there was is still there, unless the interface has a new version. Structs may grow, and reserved fields be used.
+/// What there was is still there, unless the interface has a new version. Structs may grow, and reserved fields be
+/// used.
 fn assert_kept(stored: &str, made: &str) {
     if stored.lines().next() != made.lines().next() {
         return;

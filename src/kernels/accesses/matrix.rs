@@ -1,5 +1,5 @@
-//! Accesses of the kernels on matrices: vectors of 16 bytes, in shared memory too, but for the epilogues of the dense ones, which
-//! load and store vectors of four halves.
+//! Accesses of the kernels on matrices: vectors of 16 bytes, in shared memory too, but for the epilogues of the dense
+//! ones, which load and store vectors of four halves.
 
 use super::{Accesses, epilogue_loads};
 use crate::kernels::aux_projection::{AUX_CHANNELS, CHANNELS, REACH};
@@ -82,7 +82,8 @@ pub(super) fn window_attention(call: &WindowAttention) -> Accesses {
     let windows = u64::from(call.tiles.count(call.dst.width, call.dst.height)) * u64::from(call.heads);
     let (keys, values) = (u64::from(call.key_width), u64::from(call.value_width));
     let padded = keys.next_multiple_of(DEPTH.into());
-    // Both factors of both scores once for each subgroup's queries and their bias; then the row of a softmax, and the values.
+    // Both factors of both scores once for each subgroup's queries and their bias; then the row of a softmax, and the
+    // values.
     let scores = TOKENS * TOKENS / 4;
     Accesses {
         global_loads: windows * (TOKENS * (4 * keys + values) / 8 + scores),
@@ -120,8 +121,8 @@ pub(super) fn aux_projection(groups: [u32; 3]) -> Accesses {
     for step in 0..REACH {
         let (from, to) = (size(REACH - step), size(REACH - step - 1));
         let inputs = u64::from(if step == 0 { DEPTH } else { CHANNELS });
-        // A matrix of sixteen tokens and outputs at a time; runs of two rows load four of three tokens; an invocation nine taps
-        // and two biases.
+        // A matrix of sixteen tokens and outputs at a time; runs of two rows load four of three tokens; an invocation
+        // nine taps and two biases.
         let matrices = (from.div_ceil(16) * inputs + own / 16 * u64::from(CHANNELS)) * vectors;
         loads += matrices + 11 * u64::from(AUX_SUBGROUPS) * 32;
         shared_loads += 2 * (from * inputs + own * u64::from(CHANNELS)) / 8 + to / 2 * 12 * columns;

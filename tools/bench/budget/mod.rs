@@ -44,8 +44,8 @@ pub struct Line {
     pub scores: Option<(f64, f64)>,
 }
 
-/// Runs a frame on the device, in the forms of `forms`, every buffer in memory of its own, and in f64. One line for each dispatch of the network
-/// and of its inputs.
+/// Runs a frame on the device, in the forms of `forms`, every buffer in memory of its own, and in f64. One line for
+/// each dispatch of the network and of its inputs.
 ///
 /// # Errors
 /// Those of the library: memory, planes that do not fit, a lost device.

@@ -135,8 +135,8 @@ fn upper_left(scene: &Scene, side: u32) -> Scene {
     }
 }
 
-/// Measures settings on one pair. They take turns, so that all meet the same machine; `runs` warm ones of each are timed.
-/// `exact` has the f64 result of a setting's network by its name.
+/// Measures settings on one pair. They take turns, so that all meet the same machine; `runs` warm ones of each are
+/// timed. `exact` has the f64 result of a setting's network by its name.
 ///
 /// # Errors
 /// As [`Denoiser::denoise`]; a peer that ends.

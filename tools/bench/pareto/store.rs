@@ -1,5 +1,5 @@
-//! The results file: a line of JSON for what was measured on, then one for every record. It grows as the sweep goes on, so
-//! a sweep that was stopped continues where it was.
+//! The results file: a line of JSON for what was measured on, then one for every record. It grows as the sweep goes on,
+//! so a sweep that was stopped continues where it was.
 
 use super::{Record, Result};
 use serde::{Deserialize, Serialize};

@@ -86,8 +86,8 @@ pub fn far((x, y): (u32, u32)) -> impl Fn(usize) -> bool {
     }
 }
 
-/// Where bad pixels are put: near a corner, so that the far end of the coarsest attention window is as far as can be, and
-/// in the middle.
+/// Where bad pixels are put: near a corner, so that the far end of the coarsest attention window is as far as can be,
+/// and in the middle.
 pub fn places(effort: Effort) -> &'static [(u32, u32)] {
     match effort {
         Effort::Sample => &[(37, 41)],

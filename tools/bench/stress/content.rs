@@ -1,5 +1,6 @@
-//! Pictures and features at the ends of what renderers write. Beside the plain rule that an output is finite and at least
-//! 0, the engine is held to the f64 reference: its residual in 32-bit floats, what a screen shows where there are halves.
+//! Pictures and features at the ends of what renderers write. Beside the plain rule that an output is finite and at
+//! least 0, the engine is held to the f64 reference: its residual in 32-bit floats, what a screen shows where there are
+//! halves.
 
 use super::moves::{Unit, tone_mapped_db};
 use super::scene::Scene;

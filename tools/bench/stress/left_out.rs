@@ -1,5 +1,5 @@
-//! What tiers that leave quiet squares out leave out: what the scene's sample counts say and nothing else, and how the rest differs from
-//! the whole frame's pass.
+//! What tiers that leave quiet squares out leave out: what the scene's sample counts say and nothing else, and how the
+//! rest differs from the whole frame's pass.
 
 use super::moves::tone_mapped_db;
 use super::scene::{CONVERGED, Scene};

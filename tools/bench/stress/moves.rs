@@ -1,10 +1,10 @@
 //! How far a result lies from the undisturbed one, and how far it may.
 //!
-//! In 32-bit floats a move is what the disturbance did. Where maps or factors are rounded to halves, a change of 1e-7 anywhere
-//! rounds some of them the other way, and the result moves by about as much as the tier is off without any disturbance. The
-//! network computes in the log domain, where that error is of one size; of a pixel next to black it is more than 1 %. Both
-//! results are off, so beside 1 % such a tier may move by twice its own largest error in the log domain, and what a screen
-//! shows is held to a bound of its own.
+//! In 32-bit floats a move is what the disturbance did. Where maps or factors are rounded to halves, a change of 1e-7
+//! anywhere rounds some of them the other way, and the result moves by about as much as the tier is off without any
+//! disturbance. The network computes in the log domain, where that error is of one size; of a pixel next to black it is
+//! more than 1 %. Both results are off, so beside 1 % such a tier may move by twice its own largest error in the log
+//! domain, and what a screen shows is held to a bound of its own.
 
 use super::scene::Scene;
 use super::subject::{Exactness, Subject};

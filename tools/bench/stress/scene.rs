@@ -1,5 +1,5 @@
-//! A small procedural render: some balls before a tiled wall, noisy as four samples a pixel are, with its clean picture,
-//! albedo, normal and depth, and sample counts that call half of it converged.
+//! A small procedural render: some balls before a tiled wall, noisy as four samples a pixel are, with its clean
+//! picture, albedo, normal and depth, and sample counts that call half of it converged.
 
 use super::Result;
 use super::random::Random;

@@ -41,12 +41,13 @@ pub struct Tier {
     pub quiet: Option<Quiet>,
 }
 
-/// Relative noise up to which tiers that leave quiet squares out do so: that of [`super::scene::CONVERGED`] samples, and a little.
+/// Relative noise up to which tiers that leave quiet squares out do so: that of [`super::scene::CONVERGED`] samples,
+/// and a little.
 const QUIET_THRESHOLD: f32 = 0.02;
 
 impl Tier {
-    /// 32-bit floats and direct convolutions, with the kernels that the engine prefers on a device. By itself it takes Winograd's
-    /// form on some drivers: a tier of its own here.
+    /// 32-bit floats and direct convolutions, with the kernels that the engine prefers on a device. By itself it takes
+    /// Winograd's form on some drivers: a tier of its own here.
     pub fn preferred(device: &Device) -> Self {
         Self {
             name: "fp32",
@@ -90,7 +91,8 @@ impl Tier {
         tiers
     }
 
-    /// [`Tier::all`], and what is a matter of time alone or of taste: nothing fused, a higher threshold of what is quiet.
+    /// [`Tier::all`], and what is a matter of time alone or of taste: nothing fused, a higher threshold of what is
+    /// quiet.
     pub fn swept(device: &Device) -> Vec<Self> {
         let preferred = Self::preferred(device);
         let quiet = Quiet { threshold: 0.1, mode: QuietMode::default() };
@@ -100,7 +102,8 @@ impl Tier {
         tiers
     }
 
-    /// A denoiser of this tier, with its precision, its convolutions and what it leaves out in the place of the options' own.
+    /// A denoiser of this tier, with its precision, its convolutions and what it leaves out in the place of the
+    /// options' own.
     ///
     /// # Errors
     /// As [`Denoiser::new`].
@@ -287,8 +290,8 @@ impl FromStr for PeerSpec {
 }
 
 /// A process that denoises. It is sent `width, height, albedo?, normal?, depth?` as 32-bit integers and then the planes
-/// that there are, interleaved 32-bit floats. It answers with the denoised colour and, as a 64-bit float, the seconds that
-/// took: CPU seconds where it runs on the CPU. Everything is little-endian.
+/// that there are, interleaved 32-bit floats. It answers with the denoised colour and, as a 64-bit float, the seconds
+/// that took: CPU seconds where it runs on the CPU. Everything is little-endian.
 pub struct Peer {
     child: Child,
     // Closed before the process is waited for: its end of input is its end.
