@@ -9,7 +9,7 @@ use crate::kernels::stats::{
     Clear, Counted, HISTOGRAM_BYTES, Histogram, RUN_TILES, STATS_FLOATS, Select, TILE_WORDS, TileStats,
 };
 use crate::kernels::{Addresses, BufferId, Call, FrameArgs, PlaneArgs, TILE};
-use crate::net::graph::Stage;
+use crate::net::op::Stage;
 use crate::plan::Dispatch;
 use crate::record::Recording;
 use crate::vk::memory::Buffer;

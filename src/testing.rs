@@ -7,7 +7,7 @@ use crate::error::{Error, Result};
 use crate::frame::{Extent, Frame, Layout, PlaneMut};
 use crate::kernels::contract::Need;
 use crate::kernels::{Addresses, BufferId, Call, FrameArgs, KernelTarget, PlaneArgs, TexelRange};
-use crate::net::graph::Stage;
+use crate::net::op::Stage;
 use crate::net::weights::Weights;
 use crate::options::Options;
 use crate::pipelines::Pipelines;

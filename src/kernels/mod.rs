@@ -33,7 +33,7 @@ use contract::Specialisation;
 use crate::frame::NoiseKind;
 use variant::by_storage;
 
-pub use crate::net::graph::{Activation, Shuffle};
+pub use crate::net::op::{Activation, Shuffle};
 pub use access::{Access, Footprint, Grid, Scale, Traffic};
 pub use accesses::Accesses;
 pub use call::Call;

@@ -2,7 +2,7 @@
 
 use super::arch::{Block, Convolution};
 use super::builder::{Builder, Conv, Linear};
-use super::graph::{Activation, LinearPart, OpKind, Slice};
+use super::op::{Activation, LinearPart, OpKind, Slice};
 
 /// Where a block stands: `prefix` its name and that of its tensors, `x` the colour map it changes, `f` the auxiliary
 /// map of the same shape, `into` where the result goes (a new value if `None`).

@@ -1,8 +1,6 @@
 //! The hand that writes a graph down: values and ops are appended, shapes of results follow from what is read.
 
-use super::graph::{
-    Activation, ConvWeight, LinearPart, LinearWeight, Op, OpKind, Shape, Shuffle, Slice, Stage, Value, ValueId,
-};
+use super::op::{Activation, ConvWeight, LinearPart, LinearWeight, Op, OpKind, Shape, Shuffle, Slice, Stage, Value, ValueId};
 
 /// A graph under construction.
 pub(super) struct Builder {

@@ -1,7 +1,8 @@
 //! What a network costs: parameters, and FLOPs at a size. Convolutions, linears, attention matmuls and kernels over
 //! images, two per multiply-add; no bias, norm or elementwise work.
 
-use super::graph::{Graph, Op, OpKind, Shape, Slice, conv_outputs};
+use super::graph::Graph;
+use super::op::{Op, OpKind, Shape, Slice, conv_outputs};
 use super::head::{ALBEDO_SIDE, FULL_OUTPUTS, HIDDEN, KERNEL_SIDE};
 use std::ops::AddAssign;
 

@@ -3,7 +3,8 @@
 //! its weights of them.
 
 use super::ParseError;
-use super::graph::{Activation, ConvWeight, Graph, LinearWeight, Op, OpKind, Shape, Shuffle, Slice};
+use super::graph::Graph;
+use super::op::{Activation, ConvWeight, LinearWeight, Op, OpKind, Shape, Shuffle, Slice};
 use super::weights::{Weights, WeightsError};
 use std::borrow::Cow;
 use std::str::FromStr;

@@ -4,7 +4,7 @@
 //! makes first: they are applied there, so that one map of their sum is kept and not both maps.
 
 use super::builder::{Builder, Linear};
-use super::graph::{Activation, OpKind, Slice};
+use super::op::{Activation, OpKind, Slice};
 use super::head::{HIDDEN, KERNEL_SIDE, KernelHead};
 
 /// The Linears of every level after the first.
@@ -35,13 +35,15 @@ pub(super) fn early(b: &mut Builder, x: Slice, of_f: Slice) -> Slice {
     b.linear(Linear { residual: Some(of_f), ..Linear::new("head.x0", vec![x], HIDDEN) })
 }
 
-/// The exposed radiance, three channels for each of `images`.
-pub(super) fn kernels(b: &mut Builder, head: &KernelHead, inputs: &Inputs, images: u32) -> Slice {
+/// Channels of an image: radiance, and what it counts for.
+const IMAGE: u32 = 4;
+
+/// The exposed radiance.
+pub(super) fn kernels(b: &mut Builder, head: &KernelHead, inputs: &Inputs) -> Slice {
     let &Inputs { early, tokens, color, aux, residual } = inputs;
     let deeper = head.levels.len() - 1;
-    let vectors = 4 * images;
     let levels = head.levels.len() as u32;
-    let (hidden, taps) = (b.map("head.hidden", 1, HIDDEN), b.map("head.taps", 1, vectors));
+    let (hidden, taps) = (b.map("head.hidden", 1, HIDDEN), b.map("head.taps", 1, IMAGE));
     let (prefix, albedo) = ("head".to_owned(), aux.part(0, 3));
     b.push(
         "head.hidden".into(),
@@ -57,13 +59,13 @@ pub(super) fn kernels(b: &mut Builder, head: &KernelHead, inputs: &Inputs, image
             taps,
         },
     );
-    // Of every image the mean at full size by its share; then the albedo and the gate, and the other levels' shares.
-    let pixels = b.map("head.full", 1, vectors + 8);
+    // The mean at full size by its share; then the albedo and the gate, and the other levels' shares.
+    let pixels = b.map("head.full", 1, IMAGE + 8);
     b.push("head.full".into(), OpKind::PredictKernels { head: prefix, hidden, taps, albedo, levels, output: pixels });
     let mut sums = Vec::new();
     for side in &head.levels[1..] {
         let finer = sums.last().copied().unwrap_or(taps);
-        let coarser = b.map(&format!("head.sums.{side}"), *side, vectors);
+        let coarser = b.map(&format!("head.sums.{side}"), *side, IMAGE);
         b.push(format!("head.sums.{side}"), OpKind::Halve { input: finer, output: coarser.value });
         sums.push(coarser);
     }
@@ -83,11 +85,11 @@ pub(super) fn kernels(b: &mut Builder, head: &KernelHead, inputs: &Inputs, image
         .collect();
     let mut means = Vec::new();
     for ((side, logits), sums) in head.levels[1..].iter().zip(logits).zip(sums) {
-        let mean = b.map(&format!("head.level.{side}"), *side, vectors);
+        let mean = b.map(&format!("head.level.{side}"), *side, IMAGE);
         b.push(format!("head.level.{side}"), OpKind::ApplyKernels { logits, sums, output: mean.value });
         means.push(mean);
     }
-    let output = b.map("head.mix", 1, vectors);
+    let output = b.map("head.mix", 1, IMAGE);
     let direct = head.gated.then_some((color, residual));
     b.push("head.mix".into(), OpKind::MixLevels { pixels, levels: means, direct, output: output.value });
     output

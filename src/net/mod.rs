@@ -19,6 +19,7 @@ mod hashed;
 pub mod head;
 mod head_ops;
 mod named;
+pub mod op;
 mod part;
 pub mod table;
 mod unet;
@@ -27,10 +28,8 @@ mod weights_file;
 
 pub use arch::{Arch, ArchError, Block, Bottleneck, Convolution, Decoder, StageSpec};
 pub use fold::Folds;
-pub use graph::{
-    Activation, ConvWeight, Graph, LinearPart, LinearWeight, Op, OpKind, Shape, Shuffle, Slice, Stage, TensorSpec,
-    Value, ValueId,
-};
+pub use graph::{Graph, TensorSpec};
+pub use op::{Activation, ConvWeight, LinearPart, LinearWeight, Op, OpKind, Shape, Shuffle, Slice, Stage, Value, ValueId};
 pub use head::{Head, KernelHead};
 pub use weights::{DepthRule, ExposureRule, Preprocessing, Tensor, Weights, WeightsError};
 

@@ -3,7 +3,8 @@
 use super::arch::{Arch, ArchError, Block, Bottleneck, Convolution, Decoder, StageSpec, WINDOW};
 use super::blocks::{Place, block};
 use super::builder::{Builder, Conv, Linear};
-use super::graph::{Activation, Graph, Slice, Stage};
+use super::graph::Graph;
+use super::op::{Activation, Slice, Stage};
 use super::head::Head;
 
 /// Name of the block, and so of its tensors: those of the first block of [`Graph::arch`].

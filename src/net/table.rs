@@ -6,7 +6,8 @@
 
 use super::arch::Decoder;
 use super::cost::{self, Flops};
-use super::graph::{Graph, Op, OpKind, Slice};
+use super::graph::Graph;
+use super::op::{Op, OpKind, Slice};
 
 /// A row of the thesis's tables.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

@@ -3,11 +3,12 @@
 use super::arch::{Arch, Decoder};
 use super::blocks::{Place, block};
 use super::builder::{Builder, Conv, Linear};
-use super::graph::{Activation, Graph, Op, OpKind, Shuffle, Slice, Stage};
+use super::graph::Graph;
+use super::op::{Activation, Op, OpKind, Shuffle, Slice, Stage};
 use super::head_ops;
 
 /// The graph of a valid architecture.
-pub(super) fn build(arch: &Arch, images: u32) -> Graph {
+pub(super) fn build(arch: &Arch) -> Graph {
     let mut b = Builder::new();
     let color = b.map("color", 1, 3);
     let aux = b.map("aux", 1, 7);
@@ -75,7 +76,7 @@ pub(super) fn build(arch: &Arch, images: u32) -> Graph {
     let mut result = b.conv(Conv::new("output", x, 3));
     if let (Some(head), Some(early)) = (arch.head.kernels(), early) {
         let inputs = head_ops::Inputs { early, tokens: &tokens, color, aux, residual: result };
-        result = head_ops::kernels(&mut b, head, &inputs, images);
+        result = head_ops::kernels(&mut b, head, &inputs);
     }
     Graph {
         arch: arch.clone(),
@@ -175,7 +176,7 @@ fn up(b: &mut Builder, i: usize, which: &str, input: Slice, into: Option<Slice>)
 mod tests {
     use super::*;
     use crate::net::arch::{Block, Convolution};
-    use crate::net::graph::Shape;
+    use crate::net::op::Shape;
     use crate::net::head::Head;
     use std::collections::HashSet;
 

@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::kernels::quiet::BLEND_PIXELS;
-use crate::net::graph::Stage;
+use crate::net::op::Stage;
 use std::str::FromStr;
 
 /// Leaves out what needs no denoising: squares of 16x16 pixels whose noise is low get the caller's own colour, blended

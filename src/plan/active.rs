@@ -4,7 +4,7 @@ use super::Dispatch;
 use crate::frame::Extent;
 use crate::kernels::BufferId;
 use crate::kernels::quiet::MapSize;
-use crate::net::graph::Stage;
+use crate::net::op::Stage;
 
 /// A part of the network whose dispatches share a list of tiles.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]

@@ -3,7 +3,7 @@
 use super::lower::Lowering;
 use crate::kernels::aux_projection::AuxProjection;
 use crate::kernels::{Activation, Arithmetic, Call, Tiles};
-use crate::net::graph::OpKind;
+use crate::net::op::OpKind;
 
 /// Operations of the projection.
 const OPS: usize = 9;

@@ -8,7 +8,8 @@
 use super::lower::Lowering;
 use super::region::restrict_chain;
 use crate::kernels::{BufferId, Call, Storage, TILE};
-use crate::net::graph::{Graph, Op, OpKind, Shape, ValueId};
+use crate::net::graph::Graph;
+use crate::net::op::{Op, OpKind, Shape, ValueId};
 use std::collections::HashMap;
 
 /// Rows of the padded frame that a chain works on, in pixels.

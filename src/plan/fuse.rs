@@ -4,7 +4,8 @@ use super::pack::Pack;
 use crate::kernels::Call;
 use crate::kernels::separable::Separable3x3;
 use crate::kernels::winograd::WinogradTile;
-use crate::net::graph::{ConvWeight, Graph, OpKind, Shuffle};
+use crate::net::graph::Graph;
+use crate::net::op::{ConvWeight, OpKind, Shuffle};
 
 /// Whether operation `at` is a depthwise convolution whose whole result the next one, a Linear, reads, and nobody else.
 pub(super) fn is_separable(graph: &Graph, at: usize) -> bool {

@@ -11,7 +11,8 @@ use crate::frame::{Extent, Region};
 use crate::kernels::stats::Counted;
 use crate::kernels::{BufferId, Call, Storage, Tiles, View, frame_io, stats};
 use crate::net::cost::op_flops;
-use crate::net::graph::{Graph, Op, Shape, Slice, Stage, ValueId};
+use crate::net::graph::Graph;
+use crate::net::op::{Op, Shape, Slice, Stage, ValueId};
 use crate::target::Target;
 use std::collections::HashMap;
 

@@ -24,7 +24,7 @@ mod winograd;
 use crate::frame::Extent;
 use crate::kernels::quiet::{GROUPS_BYTES, list_bytes};
 use crate::kernels::{BufferId, Call, Grid, KernelTarget, Storage, Tiles, Traffic, Variant, View};
-use crate::net::graph::Stage;
+use crate::net::op::Stage;
 use pack::Pack;
 
 pub use lower::{plan, plan_part};

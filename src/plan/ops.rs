@@ -8,7 +8,7 @@ use crate::kernels::winograd::Winograd3x3;
 use crate::kernels::{
     Arithmetic, BufferId, Call, Storage, Tiles, View, dense, film, maps, predicted, unembed, window_attention,
 };
-use crate::net::graph::{Op, OpKind, Slice, conv_outputs};
+use crate::net::op::{Op, OpKind, Slice, conv_outputs};
 
 impl Lowering<'_> {
     /// The kernel of the operation at `at` and of those that it swallows, the FLOPs of all of them, and how many they

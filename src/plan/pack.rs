@@ -6,7 +6,7 @@ use crate::kernels::dense::{TILE_CHANNELS, conv_tile_channels};
 use crate::kernels::on_matrices::DEPTH;
 use crate::kernels::predicted::WEIGHTS;
 use crate::kernels::winograd::{WINOGRAD_CHANNELS, WinogradTile};
-use crate::net::graph::{ConvWeight, LinearWeight};
+use crate::net::op::{ConvWeight, LinearWeight};
 use crate::net::weights::{Weights, WeightsError};
 use half::f16;
 

@@ -20,7 +20,7 @@ use crate::frame::{Extent, Region};
 use crate::kernels::film::Computed;
 use crate::kernels::quiet::{Fill, MapSize, QuietMap, REACHES, Reach, Sample, TileList, TileNoise, list_bytes};
 use crate::kernels::{BufferId, Call, Grid, KernelTarget, Storage, TILE, Tiles, View};
-use crate::net::graph::Stage;
+use crate::net::op::Stage;
 use crate::options::QuietMode;
 use std::collections::HashMap;
 

@@ -5,7 +5,7 @@ use super::lower::Lowering;
 use crate::frame::Region;
 use crate::kernels::signals::{InputSignal, OutputSignal};
 use crate::kernels::{Call, Storage, Tiles, View};
-use crate::net::graph::Stage;
+use crate::net::op::Stage;
 use std::collections::HashMap;
 
 impl Lowering<'_> {

@@ -2,7 +2,7 @@
 
 use super::shape::Shape;
 use crate::kernels::{Accesses, Call, Traffic};
-use crate::net::graph::Stage;
+use crate::net::op::Stage;
 use crate::plan::Dispatch;
 use crate::plan::active::ActiveTiles;
 
