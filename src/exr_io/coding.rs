@@ -2,6 +2,7 @@
 
 use super::container::Container;
 use exr::meta::attribute::Chromaticities;
+use glam::{DMat3, DVec3};
 
 /// What the channels of a picture are.
 #[derive(Clone, Copy, Debug, PartialEq)]
@@ -82,16 +83,14 @@ pub(super) fn luminance_weights(container: &Container) -> [f32; 3] {
 /// The middle row of the matrix from RGB to XYZ: what of each primary makes white (SMPTE RP 177).
 fn weights_of(chromaticities: Chromaticities) -> [f32; 3] {
     let Chromaticities { red, green, blue, white } = chromaticities;
-    let xyz = |c: exr::math::Vec2<f32>| [f64::from(c.0), f64::from(c.1), 1.0 - f64::from(c.0) - f64::from(c.1)];
-    let [r, g, b, w] = [red, green, blue, white].map(xyz);
-    let white = w.map(|v| v / w[1]);
-    let determinant = |a: [f64; 3], b: [f64; 3], c: [f64; 3]| {
-        a[0] * (b[1] * c[2] - b[2] * c[1]) - b[0] * (a[1] * c[2] - a[2] * c[1]) + c[0] * (a[1] * b[2] - a[2] * b[1])
+    let xyz = |c: exr::math::Vec2<f32>| {
+        let (x, y) = (f64::from(c.0), f64::from(c.1));
+        DVec3::new(x, y, 1.0 - x - y)
     };
-    let whole = determinant(r, g, b);
-    // Cramer's rule: the shares of the primaries whose sum is white, each times its own y.
-    let shares = [determinant(white, g, b) * r[1], determinant(r, white, b) * g[1], determinant(r, g, white) * b[1]];
-    shares.map(|share| (share / whole) as f32)
+    let [red, green, blue, white] = [red, green, blue, white].map(xyz);
+    // The shares of the primaries whose sum is white, each times its own y.
+    let shares = DMat3::from_cols(red, green, blue).inverse() * (white / white.y);
+    (shares * DVec3::new(red.y, green.y, blue.y)).as_vec3().to_array()
 }
 
 #[cfg(test)]
