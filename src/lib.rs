@@ -44,6 +44,16 @@
 //! # }
 //! ```
 //!
+//! | for | take |
+//! |---|---|
+//! | a device | [`Device::open`], [`Device::list`]; a renderer's own: [`Device::from_renderer`] with [`RendererDevice`], from raw handles [`RawDevice`]; what to enable: [`Device::requirements`] |
+//! | a network | [`Quality`] picks one that ships, [`Weights::from_file`] loads one |
+//! | choices | [`Options`] for a [`Denoiser`], [`FrameOptions`] for each frame; [`Exposure`], [`Fireflies`], [`Precision`], [`Quiet`] |
+//! | frames in memory | [`Denoiser::denoise`] of a [`Frame`] of [`Plane`]s with a [`Layout`] each; [`Denoiser::denoise_with`] for [`Signal`]s beside it, [`Progress`] and cancelling; a [`Report`] comes back |
+//! | frames on the GPU | [`Denoiser::pass`], then [`Pass::bind_buffers`] of a [`BufferFrame`] or [`Pass::bind_images`] of an [`ImageFrame`], then [`Pass::record`] every frame |
+//! | memory, times | [`Denoiser::memory_required`]; [`Pass::profiler`] and [`Pass::record_profiled`] |
+//! | EXR files, metrics | the modules below |
+//!
 //! The same input on the same device gives the same bits. Samples that are no light (NaN, infinite, negative) and
 //! absurd lone pixels are mended and stay local; lamps and suns keep their energy; fireflies are a choice
 //! ([`Fireflies`]). All types are `Send` and `Sync`; what records or runs takes `&self` or `&mut self` as its doc says.

@@ -163,7 +163,7 @@ impl Pass {
     }
 
     /// The same, with signals that go through the kernels of the frame's colour: each is recorded after the other, in
-    /// the pass's own memory, so that their number is free ([`crate::signals`]). Barriers as for the frame's planes.
+    /// the pass's own memory, so that their number is free ([`BufferSignal`]). Barriers as for the frame's planes.
     ///
     /// # Errors
     /// As [`Pass::bind_buffers`]; [`Error::InvalidOption`] where the denoiser was made without

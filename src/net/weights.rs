@@ -148,7 +148,7 @@ impl Weights {
     }
 
     /// Reads a safetensors file in memory. Its metadata: `format`, always `vkdenoise-1`; `architecture`, the JSON of
-    /// [`Arch`]; `preprocessing`, the JSON of [`Preprocessing`]; and, if it likes, `training`, any JSON.
+    /// the architecture; `preprocessing`, the JSON of the rules that it was trained by; and, if it likes, `training`, any JSON.
     ///
     /// The file need not be trusted: what is allocated stays in proportion to `bytes`.
     ///
@@ -208,7 +208,7 @@ impl Weights {
         &self.training
     }
 
-    /// The tensor of this name: any of [`Graph::tensors`].
+    /// The tensor of this name: any that its network reads.
     ///
     /// # Errors
     /// [`WeightsError::Missing`] for any other name.

@@ -25,7 +25,7 @@ pub enum Precision {
     F32,
     /// Feature maps stored as halves, for half of the memory; arithmetic, log colour and residual are 32-bit floats.
     F16,
-    /// Feature maps stored as halves, and what is dense on cooperative matrices ([`Device::has_matrices`]): products of
+    /// Feature maps stored as halves, and what is dense on cooperative matrices ([`crate::Device::has_matrices`]): products of
     /// halves, summed in 32-bit floats, as are all other operations. What GPUs with matrices take by themselves.
     Matrix,
 }
@@ -62,7 +62,7 @@ impl fmt::Display for Precision {
 /// The factor on the colour before the network's logarithm; undone at the end.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub enum Exposure {
-    /// From the frame itself: 0.18 over its key ([`crate::kernels::stats`]).
+    /// From the frame itself: 0.18 over its key (`docs/neutral.md`).
     #[default]
     Auto,
     /// Given by the caller, a normal number above 0. One factor for all frames of a sequence keeps them from
@@ -97,14 +97,14 @@ pub struct Options {
     pub memory_budget: Option<u64>,
     /// Bytes that a map between kernels that follow each other may take; where it would take more, they run band by
     /// band of the frame, which takes less memory and a little more work. The bits stay the same. `None`:
-    /// [`crate::target::max_chain_bytes`].
+    /// what suits the device.
     pub max_chain_bytes: Option<u64>,
     /// Whether what depends on albedo, normal and depth alone is kept between frames, for a camera that stands still:
-    /// [`FrameOptions::features_unchanged`], [`Denoiser::set_features_unchanged`]. It costs device memory.
+    /// [`FrameOptions::features_unchanged`], [`crate::Denoiser::set_features_unchanged`]. It costs device memory.
     pub keep_features: bool,
     /// What is left out as it needs no denoising; `None`: nothing. A frame in tiles is denoised everywhere.
     pub quiet: Option<Quiet>,
-    /// Whether frames may come with signals that go through the kernels of their colour ([`crate::signals`],
+    /// Whether frames may come with signals that go through the kernels of their colour ([`crate::Signal`],
     /// [`crate::Denoiser::denoise_with`], [`crate::Pass::bind_buffers_with`]). For weights that predict kernels and
     /// nothing else ([`crate::Weights::hybrid_kernels`]); it may cost device memory.
     pub signals: bool,
@@ -121,8 +121,8 @@ pub struct Report {
     /// Milliseconds of the whole call on the host: copies, device, wait. The first call of a size also plans, allocates
     /// and compiles.
     pub total_ms: f64,
-    /// Share of the FLOPs of the whole frame's pass that were computed: 1, or less with [`Denoiser::set_region`],
-    /// [`Denoiser::set_features_unchanged`] and [`Options::quiet`]; more where tiles overlap.
+    /// Share of the FLOPs of the whole frame's pass that were computed: 1, or less with [`crate::Denoiser::set_region`],
+    /// [`crate::Denoiser::set_features_unchanged`] and [`Options::quiet`]; more where tiles overlap.
     pub work: f64,
     /// Device memory of arena, weights and staging, in bytes.
     pub device_bytes: u64,
@@ -151,7 +151,7 @@ pub struct FrameOptions {
     pub blend: f32,
     /// What is done with fireflies.
     pub fireflies: Fireflies,
-    /// Where the recorded commands write a [`FrameStatistics`](FrameStatistics).
+    /// Where the recorded commands write a [`FrameStatistics`](crate::FrameStatistics)(FrameStatistics).
     pub statistics: Option<BufferAddress>,
     /// The pixels that are wanted; `None`: all. Only what they depend on is computed and only they are written, with
     /// the bits that they have in the whole frame.

@@ -7,7 +7,7 @@ use std::str::FromStr;
 
 /// Leaves out what needs no denoising: squares of 16x16 pixels whose noise is low get the caller's own colour, blended
 /// beside what is denoised. The frame is not cut into bands then, so that it may take more device memory
-/// ([`Denoiser::memory_required`]).
+/// ([`crate::Denoiser::memory_required`]).
 #[derive(Clone, Copy, Debug, PartialEq)]
 pub struct Quiet {
     /// The relative standard deviation of a pixel up to which it is left as it is, above 0. 0.02 is hardly visible.

@@ -34,7 +34,7 @@ pub struct Activity {
 /// What was denoised of a frame.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ActiveTiles {
-    /// Squares of [`crate::kernels::quiet::MAP_TILE`] pixels, of the padded frame.
+    /// Squares of 16 pixels, of the padded frame.
     pub size: MapSize,
     /// For every square whether it was denoised, row by row.
     pub map: Vec<bool>,

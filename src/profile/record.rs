@@ -29,7 +29,7 @@ pub struct KernelRecord {
     pub tiles: Option<[u32; 2]>,
     /// Workgroups; where the device makes the list of tiles, for all of them.
     pub groups: [u32; 3],
-    /// Multiplications and additions of the network's own channels, as [`crate::net::cost`] counts them: what the op
+    /// Multiplications and additions of the network's own channels, as the thesis counts them: what the op
     /// asks for, however the kernel computes it.
     pub flops: u64,
     /// Bytes that it needs to read once, weights included; planes of the caller's are left out.

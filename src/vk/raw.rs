@@ -42,7 +42,7 @@ pub struct EnabledFeatures {
 }
 
 impl RendererDevice {
-    /// The device of these handles. Its `cache` is [`Cache::User`]; set the field for another.
+    /// The device of these handles. Its `cache` is [`Cache::User`](crate::Cache::User); set the field for another.
     ///
     /// # Errors
     /// [`Error::InvalidOption`] where a handle or the function is null, and where `get_instance_proc_addr` does not

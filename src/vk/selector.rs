@@ -14,7 +14,7 @@ pub enum DeviceSelector {
     /// The best one: a discrete GPU before an integrated one before a CPU driver; the larger memory on a tie.
     #[default]
     Best,
-    /// By position in [`Device::list`].
+    /// By position in [`crate::Device::list`].
     Index(usize),
     /// By a part of its name or of its driver's, in any case.
     Name(String),
