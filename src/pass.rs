@@ -298,7 +298,8 @@ impl Pass {
     /// [`Error::InvalidOption`], also where the region leaves the frame; [`Error::Binding`] where another pass made the
     /// binding.
     ///
-    /// # Safety `commands` is recording, belongs to the denoiser's device and to a family with compute, and is outside
+    /// # Safety
+    /// `commands` is recording, belongs to the denoiser's device and to a family with compute, and is outside
     /// a render pass. The pass, the binding, what it names and the options' buffers live until the commands have run.
     /// The pass's recordings run on one queue.
     pub unsafe fn record(&self, commands: vk::CommandBuffer, binding: &Binding, options: &FrameOptions) -> Result<()> {
