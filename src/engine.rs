@@ -12,6 +12,8 @@ use crate::signals;
 use crate::target::Target;
 use crate::vk::device::Device;
 use crate::vk::memory::Buffer;
+use crate::vk::submit::{Submission, barrier};
+use ash::vk;
 use gpu_allocator::MemoryLocation;
 
 /// Where memory is short, a map between consecutive kernels may take such a part of it, and no less than that: bands
@@ -148,10 +150,11 @@ pub(crate) fn target(device: &Device, options: &Options) -> Result<Target> {
         .map_err(|need| Error::Unsupported { device: device.info().name.clone(), missing: need.to_string() })
 }
 
-/// Packs the weights into device memory that the host can write, so that a renderer's queue is not needed.
+/// Packs the weights into the device's own memory, by a copy of our own queue; on a renderer's device, which keeps its
+/// queues, into memory that the host can write too.
 fn upload(device: &Device, plan: &Plan, weights: &Weights) -> Result<Buffer> {
-    let mut buffer = Buffer::new(device, "weights", plan.weights_bytes, MemoryLocation::CpuToGpu)?;
-    let bytes = buffer.bytes_mut();
+    let mut packed = Buffer::new(device, "packed weights", plan.weights_bytes, MemoryLocation::CpuToGpu)?;
+    let bytes = packed.bytes_mut();
     bytes.fill(0);
     for planned in &plan.buffers {
         if let Place::Weights { pack, offset } = &planned.place {
@@ -160,5 +163,22 @@ fn upload(device: &Device, plan: &Plan, weights: &Weights) -> Result<Buffer> {
             bytes[start..start + 4 * words.len()].copy_from_slice(bytemuck::cast_slice(&words));
         }
     }
-    Ok(buffer)
+    if device.queue().is_none() {
+        return Ok(packed);
+    }
+    let own = Buffer::new(device, "weights", plan.weights_bytes, MemoryLocation::GpuOnly)?;
+    let copy = [vk::BufferCopy { src_offset: 0, dst_offset: 0, size: plan.weights_bytes }];
+    let mut submission = Submission::new(device)?;
+    submission.record(|commands| {
+        let copied = (vk::PipelineStageFlags::TRANSFER, vk::AccessFlags::TRANSFER_WRITE);
+        let read = (vk::PipelineStageFlags::COMPUTE_SHADER, vk::AccessFlags::SHADER_READ);
+        // SAFETY: the command buffer is ours; both buffers live until `run` has waited.
+        unsafe {
+            device.raw().cmd_copy_buffer(commands, packed.raw(), own.raw(), &copy);
+            barrier(device, commands, copied, read);
+        }
+        Ok(())
+    })?;
+    submission.run()?;
+    Ok(own)
 }
