@@ -545,7 +545,7 @@ typedef struct vkdenoise_report {
   double total_ms;
   // Share of the whole frame's work that was done, 0 to 1.
   double work;
-  // Bytes of device memory that the frame size takes.
+  // Bytes of device memory that the library holds on the device, this frame size's and all else.
   uint64_t device_bytes;
   // The factor on the colour that was used.
   float exposure;
