@@ -128,3 +128,8 @@ pub use vk::selector::DeviceSelector;
 #[cfg(doctest)]
 #[doc = include_str!("../README.md")]
 struct Readme;
+
+/// The guide's. Like the feature it is not in the published crate.
+#[cfg(all(doctest, feature = "shaderc"))]
+#[doc = include_str!("../docs/INTEGRATION.md")]
+struct Guide;

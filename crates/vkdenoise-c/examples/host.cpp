@@ -1,11 +1,12 @@
 // The host path in C++: objects destroy themselves and errors are thrown. A noisy step between two greys is denoised,
-// as a whole and then a region of it, which has the same bits.
+// as a whole and then a region of it, which has the same bits, with progress; what ends a call early is shown last.
 
 #include <cmath>
 #include <cstdio>
 #include <cstdlib>
 #include <exception>
 #include <random>
+#include <stdexcept>
 #include <vector>
 #include <vkdenoise.hpp>
 
@@ -67,7 +68,15 @@ int run() {
   frame.output = &region_output;
   auto options = vkdenoise::make<vkdenoise_frame_options>();
   options.region = {32, 16, 24, 8};
-  denoiser.denoise(frame, options);
+  float done = 0.0f;
+  denoiser.denoise(frame, options, [&](float share) {
+    done = share;
+    return true;
+  });
+  if (done != 1.0f) {
+    std::fprintf(stderr, "the last share of the work was %g\n", done);
+    return 1;
+  }
 
   std::printf("%.1f ms; mean error: noisy %.4f, denoised %.4f\n", report.total_ms, error_of(noisy), error_of(clean));
   for (std::size_t i = 0; i < part.size(); i++) {
@@ -81,6 +90,20 @@ int run() {
   if (!(error_of(clean) < error_of(noisy) / 5.0)) {
     std::fprintf(stderr, "the denoised frame is not a fifth as far from the truth as the noisy one\n");
     return 1;
+  }
+
+  // The user has seen enough, or a window is gone.
+  try {
+    denoiser.denoise(frame, options, [](float share) { return share == 0.0f; });
+    return 1;
+  } catch (const vkdenoise::Error& error) {
+    if (error.status() != VKDENOISE_STATUS_CANCELLED) throw;
+  }
+  try {
+    denoiser.denoise(frame, options, [](float) -> bool { throw std::out_of_range("the window is gone"); });
+    return 1;
+  } catch (const std::out_of_range& error) {
+    std::printf("ended: %s\n", error.what());
   }
 
   // A frame that is too small for what it says it has.

@@ -8,7 +8,7 @@
 //   in later releases, and programs built against this header go on working. VKDENOISE_INIT makes one:
 //     vkdenoise_options options = VKDENOISE_INIT(vkdenoise_options);
 // * Functions that can fail return a vkdenoise_status, and vkdenoise_last_error() says what was wrong. A failed call
-//   changes nothing of the caller's; the place for a new object becomes NULL.
+//   changes nothing of the caller's (but see vkdenoise_denoise of tiles); the place for a new object becomes NULL.
 // * Objects can be destroyed in any order: what is made from them keeps alive what it needs.
 // * Text is UTF-8 and ends with a zero.
 // * All objects can be used by several threads at once, but for the destroying of one.
@@ -73,6 +73,8 @@ enum vkdenoise_status
   VKDENOISE_STATUS_DEVICE_LOST = 11,
   // An error inside the library. Please report its message.
   VKDENOISE_STATUS_INTERNAL = 12,
+  // The progress callback ended the call.
+  VKDENOISE_STATUS_CANCELLED = 13,
 };
 #ifndef __cplusplus
 #if __STDC_VERSION__ >= 202311L
@@ -262,6 +264,28 @@ typedef uint32_t vkdenoise_fireflies;
 #endif // __STDC_VERSION__ >= 202311L
 #endif // __cplusplus
 
+// What a signal is to the colour.
+enum vkdenoise_signal_kind
+#if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+  : uint32_t
+#endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+ {
+  // A part of its light, such as a light group, three channels: parts that add up to the noisy colour add up to the
+  // denoised one.
+  VKDENOISE_SIGNAL_KIND_LIGHT = 0,
+  // Anything else, three channels or one: averaged as it is.
+  VKDENOISE_SIGNAL_KIND_VALUE = 1,
+  // Coverage, one channel: averaged as it is, and in [0, 1] afterwards.
+  VKDENOISE_SIGNAL_KIND_ALPHA = 2,
+};
+#ifndef __cplusplus
+#if __STDC_VERSION__ >= 202311L
+typedef enum vkdenoise_signal_kind vkdenoise_signal_kind;
+#else
+typedef uint32_t vkdenoise_signal_kind;
+#endif // __STDC_VERSION__ >= 202311L
+#endif // __cplusplus
+
 // A renderer's planes, resolved for a pass.
 typedef struct vkdenoise_binding vkdenoise_binding;
 
@@ -288,7 +312,8 @@ typedef struct vkdenoise_options {
   uint32_t precision;
   // A safetensors file with a network of your own in place of the quality's; NULL: the quality's.
   const char *weights_file;
-  // Most bytes of device memory that a frame may take; 0: what the device has.
+  // Most bytes of device memory that a frame may take; 0: what the device has. The host path cuts a frame that
+  // needs more into tiles (vkdenoise_report.tiles), a pass is refused.
   uint64_t memory_budget;
   // Squares of 16x16 pixels whose relative noise is no more than this keep their colour. 0: as the quality has it;
   // below 0: every square is denoised.
@@ -296,6 +321,10 @@ typedef struct vkdenoise_options {
   // 1: what depends on albedo, normal and depth alone is kept between frames, for
   // vkdenoise_frame_options.aux_unchanged. It costs device memory.
   uint32_t keep_aux;
+  // 1: frames may come with signals (vkdenoise_frame.signals). For VKDENOISE_QUALITY_HIGH; it may cost device memory.
+  uint32_t signals;
+  // Must be 0.
+  uint32_t reserved;
 } vkdenoise_options;
 
 // Device memory that a frame size takes, in bytes.
@@ -366,8 +395,8 @@ typedef struct vkdenoise_renderer {
   const char *cache;
 } vkdenoise_renderer;
 
-// A plane to read: three channels (colour, albedo, normal) or one (depth, noise). Channels beyond those, such as
-// alpha, are skipped by the strides.
+// A plane to read: three channels (colour, albedo, normal) or one (depth, noise); a signal's own. Channels beyond
+// those, such as alpha, are skipped by the strides.
 typedef struct vkdenoise_plane {
   // sizeof(vkdenoise_plane).
   size_t struct_size;
@@ -387,8 +416,8 @@ typedef struct vkdenoise_plane {
   uint32_t reserved;
 } vkdenoise_plane;
 
-// A plane to write, of three channels. The fields are those of vkdenoise_plane. It may overlap the frame's other
-// planes, or be one of them.
+// A plane to write, of three channels; a signal's own. The fields are those of vkdenoise_plane. It may overlap the
+// planes that are read, or be one of them.
 typedef struct vkdenoise_plane_mut {
   // sizeof(vkdenoise_plane_mut).
   size_t struct_size;
@@ -396,7 +425,7 @@ typedef struct vkdenoise_plane_mut {
   void *samples;
   // Bytes that may be written from there; 0: as many as the strides reach.
   size_t size;
-  // Bytes from a pixel to its right neighbour; 0: three channels, packed.
+  // Bytes from a pixel to its right neighbour; 0: the plane's channels, packed.
   size_t pixel_stride;
   // Bytes from a pixel to the one below; 0: rows packed.
   size_t row_stride;
@@ -407,6 +436,20 @@ typedef struct vkdenoise_plane_mut {
   // Must be 0.
   uint32_t reserved;
 } vkdenoise_plane_mut;
+
+// A signal in host memory, beside a frame's colour. For denoisers with vkdenoise_options.signals.
+typedef struct vkdenoise_signal {
+  // sizeof(vkdenoise_signal).
+  size_t struct_size;
+  // The noisy samples.
+  const struct vkdenoise_plane *plane;
+  // Where the denoised ones go.
+  const struct vkdenoise_plane_mut *output;
+  // A vkdenoise_signal_kind.
+  uint32_t kind;
+  // Channels of both planes, 1 or 3; 0: 1 of VKDENOISE_SIGNAL_KIND_ALPHA, else 3.
+  uint32_t channels;
+} vkdenoise_signal;
 
 // A noisy frame in host memory, and where the denoised one goes. Every plane but colour and output may be NULL.
 typedef struct vkdenoise_frame {
@@ -433,6 +476,10 @@ typedef struct vkdenoise_frame {
   uint32_t noise_kind;
   // Must be 0.
   uint32_t reserved;
+  // Signals that go through the colour's kernels, one after the other in memory.
+  const struct vkdenoise_signal *signals;
+  // How many there are.
+  size_t signal_count;
 } vkdenoise_frame;
 
 // A rectangle of a frame's pixels. All zeros: the whole frame.
@@ -446,6 +493,13 @@ typedef struct vkdenoise_region {
   // Rows.
   uint32_t height;
 } vkdenoise_region;
+
+// Called in the caller's own thread with the share of the work that is done, from 0 to 1, about every 50 ms. It
+// answers 1 to go on, 0 to end the call with VKDENOISE_STATUS_CANCELLED. It must return (no exception, no longjmp) and
+// may not use the denoiser that calls it.
+//
+// @param user vkdenoise_frame_options.progress_user.
+typedef uint32_t (*vkdenoise_progress)(void *user, float share);
 
 // What may change from frame to frame. All zeros but struct_size: the defaults.
 typedef struct vkdenoise_frame_options {
@@ -474,6 +528,11 @@ typedef struct vkdenoise_frame_options {
   uint64_t statistics_buffer;
   // Bytes from its start, a multiple of 4.
   uint64_t statistics_offset;
+  // Host path alone: a function that is told how much is done, and can end the call. NULL: none. The result has the
+  // same bits with it. Where aux_unchanged was to follow, a call that was ended has to be made again first.
+  vkdenoise_progress progress;
+  // What the function is given.
+  void *progress_user;
 } vkdenoise_frame_options;
 
 // What a call of the host path did.
@@ -486,12 +545,12 @@ typedef struct vkdenoise_report {
   double total_ms;
   // Share of the whole frame's work that was done, 0 to 1.
   double work;
-  // Bytes of device memory that the frame size takes.
+  // Bytes of device memory that the library holds on the device, this frame size's and all else.
   uint64_t device_bytes;
   // The factor on the colour that was used.
   float exposure;
-  // 0.
-  uint32_t reserved;
+  // Tiles that the frame was cut into, as it did not fit the device or the budget in whole; 1: it did.
+  uint32_t tiles;
 } vkdenoise_report;
 
 // A plane in a VkBuffer: three channels (colour, albedo, normal, output) or one (depth, noise).
@@ -517,6 +576,21 @@ typedef struct vkdenoise_buffer_plane {
   uint32_t reserved;
 } vkdenoise_buffer_plane;
 
+// A signal in a renderer's buffers, beside a frame in its buffers or images. For denoisers with
+// vkdenoise_options.signals.
+typedef struct vkdenoise_buffer_signal {
+  // sizeof(vkdenoise_buffer_signal).
+  size_t struct_size;
+  // The noisy samples.
+  const struct vkdenoise_buffer_plane *plane;
+  // Where the denoised ones go, in the samples' format of the frame's output; it may be the same plane.
+  const struct vkdenoise_buffer_plane *output;
+  // A vkdenoise_signal_kind.
+  uint32_t kind;
+  // Channels of both planes, as vkdenoise_signal.channels.
+  uint32_t channels;
+} vkdenoise_buffer_signal;
+
 // A frame in a renderer's buffers. Every plane but colour and output may be NULL; output and colour may be the same.
 typedef struct vkdenoise_buffer_frame {
   // sizeof(vkdenoise_buffer_frame).
@@ -537,6 +611,10 @@ typedef struct vkdenoise_buffer_frame {
   uint32_t noise_kind;
   // Must be 0.
   uint32_t reserved;
+  // Signals in buffers that go through the colour's kernels, one after the other in memory.
+  const struct vkdenoise_buffer_signal *signals;
+  // How many there are.
+  size_t signal_count;
 } vkdenoise_buffer_frame;
 
 // A two-dimensional image.
@@ -578,6 +656,10 @@ typedef struct vkdenoise_image_frame {
   uint32_t noise_kind;
   // Must be 0.
   uint32_t reserved;
+  // Signals in buffers that go through the colour's kernels, one after the other in memory.
+  const struct vkdenoise_buffer_signal *signals;
+  // How many there are.
+  size_t signal_count;
 } vkdenoise_image_frame;
 
 #ifdef __cplusplus
@@ -663,7 +745,10 @@ uint64_t vkdenoise_device_memory_bytes(const struct vkdenoise_device *device);
 const char *vkdenoise_requirement(uint32_t kind, uint32_t index);
 
 // Denoises a frame in host memory and waits for the result, on a device of the library's own. What a frame size
-// needs is kept for the next call. Where it fails, the output is untouched.
+// needs is kept for the next call. Where it fails, the outputs are untouched; but where a frame is cut into tiles
+// (vkdenoise_report.tiles), those that were done are written.
+//
+// Two outputs must not share samples; else any of the planes may overlap.
 //
 // @param options NULL: the defaults.
 // @param report NULL: none is wanted. Else set its struct_size; the rest is filled in.
@@ -705,7 +790,7 @@ void vkdenoise_binding_destroy(struct vkdenoise_binding *binding);
 // Records the pass into a command buffer that is recording, outside a render pass. It does not submit, wait or
 // allocate.
 //
-// Before it the renderer makes its writes to the input planes (and to an exposure_buffer) visible to
+// Before it the renderer makes its writes to the input planes (signals with them; and to an exposure_buffer) visible to
 // VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT with VK_ACCESS_SHADER_READ_BIT, and orders earlier uses of the output (and of
 // a statistics_buffer) before that stage. After it the output was written in that stage with
 // VK_ACCESS_SHADER_WRITE_BIT; the renderer puts the barrier that its next use needs. The bound compute pipeline,

@@ -6,6 +6,8 @@
 #include <vkdenoise.h>
 
 #include <cstdint>
+#include <exception>
+#include <functional>
 #include <memory>
 #include <stdexcept>
 #include <string>
@@ -44,6 +46,22 @@ struct Destroy {
 // Owns an object of the interface.
 template <class T, void (*destroy)(T*)>
 using Handle = std::unique_ptr<T, Destroy<T, destroy>>;
+
+// A progress callback, and what it threw: nothing is thrown through the library.
+struct Watch {
+  const std::function<bool(float)>& progress;
+  std::exception_ptr thrown;
+
+  static std::uint32_t call(void* user, float share) noexcept {
+    auto& watch = *static_cast<Watch*>(user);
+    try {
+      return watch.progress(share) ? 1 : 0;
+    } catch (...) {
+      watch.thrown = std::current_exception();
+      return 0;
+    }
+  }
+};
 }  // namespace detail
 
 // Every Vulkan device there is, usable or not.
@@ -134,6 +152,19 @@ class Denoiser {
                            const vkdenoise_frame_options& options = make<vkdenoise_frame_options>()) {
     auto report = make<vkdenoise_report>();
     check(vkdenoise_denoise(get(), &frame, &options, &report));
+    return report;
+  }
+  // The same with a function that is told the share of the work that is done, from 0 to 1. It answers true to go on,
+  // false to end the call with an Error of VKDENOISE_STATUS_CANCELLED; what it throws ends the call and is thrown on.
+  vkdenoise_report denoise(const vkdenoise_frame& frame, vkdenoise_frame_options options,
+                           const std::function<bool(float)>& progress) {
+    detail::Watch watch{progress, nullptr};
+    options.progress = detail::Watch::call;
+    options.progress_user = &watch;
+    auto report = make<vkdenoise_report>();
+    const vkdenoise_status status = vkdenoise_denoise(get(), &frame, &options, &report);
+    if (watch.thrown) std::rethrow_exception(watch.thrown);
+    check(status);
     return report;
   }
   vkdenoise_memory memory_required(std::uint32_t width, std::uint32_t height) const {

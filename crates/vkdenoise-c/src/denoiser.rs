@@ -1,23 +1,55 @@
 //! A network on a device.
 
 use crate::choice::{choice, flag};
-use crate::descriptor::{self, descriptor};
+use crate::descriptor::{self, descriptor, reserved};
 use crate::device::Device;
 use crate::handle;
+use crate::progress::Progress;
 use crate::status::{Failure, Status, guard};
 use std::ffi::c_char;
+use std::ops::ControlFlow;
 use std::sync::{Mutex, MutexGuard, PoisonError};
+use std::thread::{self, ThreadId};
 use vkdenoise::Weights;
 use vkdenoise::{Extent, Options as CoreOptions, Precision as CorePrecision, Quality as CoreQuality, Quiet, QuietMode};
 
 /// A network on a device. Calls from several threads wait for each other.
-pub struct Denoiser(Mutex<vkdenoise::Denoiser>);
+pub struct Denoiser {
+    denoiser: Mutex<vkdenoise::Denoiser>,
+    precision: CorePrecision,
+    /// The thread that is in a progress callback of this denoiser.
+    calling: Mutex<Option<ThreadId>>,
+}
 
 impl Denoiser {
-    /// After a panic too: what it left is replaced or refused by the library's own checks.
-    pub fn lock(&self) -> MutexGuard<'_, vkdenoise::Denoiser> {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner)
+    fn new(denoiser: vkdenoise::Denoiser) -> Self {
+        let precision = denoiser.precision();
+        Self { denoiser: Mutex::new(denoiser), precision, calling: Mutex::default() }
     }
+
+    /// Waits for its turn.
+    ///
+    /// # Errors
+    /// From within a progress callback of it, where it would be waited for forever.
+    pub fn take(&self) -> Result<MutexGuard<'_, vkdenoise::Denoiser>, Failure> {
+        if *locked(&self.calling) == Some(thread::current().id()) {
+            return Err(Failure::argument("a progress callback cannot use the denoiser that calls it"));
+        }
+        Ok(locked(&self.denoiser))
+    }
+
+    /// Calls a progress callback.
+    pub fn tell(&self, progress: Progress, share: f32) -> ControlFlow<()> {
+        *locked(&self.calling) = Some(thread::current().id());
+        let answer = progress.tell(share);
+        *locked(&self.calling) = None;
+        answer
+    }
+}
+
+/// After a panic too: what it left is replaced or refused by the library's own checks.
+fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
+    mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 /// Run time against error.
@@ -56,7 +88,8 @@ pub struct Options {
     pub precision: u32,
     /// A safetensors file with a network of your own in place of the quality's; NULL: the quality's.
     pub weights_file: *const c_char,
-    /// Most bytes of device memory that a frame may take; 0: what the device has.
+    /// Most bytes of device memory that a frame may take; 0: what the device has. The host path cuts a frame that
+    /// needs more into tiles (vkdenoise_report.tiles), a pass is refused.
     pub memory_budget: u64,
     /// Squares of 16x16 pixels whose relative noise is no more than this keep their colour. 0: as the quality has it;
     /// below 0: every square is denoised.
@@ -64,6 +97,10 @@ pub struct Options {
     /// 1: what depends on albedo, normal and depth alone is kept between frames, for
     /// vkdenoise_frame_options.aux_unchanged. It costs device memory.
     pub keep_aux: u32,
+    /// 1: frames may come with signals (vkdenoise_frame.signals). For VKDENOISE_QUALITY_HIGH; it may cost device memory.
+    pub signals: u32,
+    /// Must be 0.
+    pub reserved: u32,
 }
 descriptor!(Options, "vkdenoise_options", keep_aux: u32);
 
@@ -111,6 +148,7 @@ pub unsafe extern "C" fn vkdenoise_denoiser_create(
     let make = || {
         // SAFETY: the caller's pointers are as the header says; the same below.
         let (device, options) = unsafe { (handle::borrow(device, "device")?, descriptor::read_or_default(options)?) };
+        reserved::<Options>(options.reserved)?;
         let (device, quality) = (&device.0, quality(options.quality)?);
         // SAFETY: as above.
         let weights = match unsafe { handle::text(options.weights_file, "weights_file")? } {
@@ -131,9 +169,10 @@ pub unsafe extern "C" fn vkdenoise_denoiser_create(
             quiet,
             memory_budget: (options.memory_budget > 0).then_some(options.memory_budget),
             keep_features: flag(options.keep_aux, "keep_aux")?,
+            signals: flag(options.signals, "signals")?,
             ..CoreOptions::default()
         };
-        Ok(Denoiser(Mutex::new(vkdenoise::Denoiser::new(device, &weights, &options)?)))
+        Ok(Denoiser::new(vkdenoise::Denoiser::new(device, &weights, &options)?))
     };
     // SAFETY: as above.
     guard(|| unsafe { handle::give(denoiser, make) })
@@ -153,7 +192,7 @@ pub unsafe extern "C" fn vkdenoise_denoiser_destroy(denoiser: *mut Denoiser) {
 #[unsafe(no_mangle)]
 pub unsafe extern "C" fn vkdenoise_denoiser_precision(denoiser: *const Denoiser) -> u32 {
     // SAFETY: as above.
-    let precision = unsafe { denoiser.as_ref() }.map_or(CorePrecision::Auto, |denoiser| denoiser.lock().precision());
+    let precision = unsafe { denoiser.as_ref() }.map_or(CorePrecision::Auto, |denoiser| denoiser.precision);
     let found = PRECISIONS.iter().find(|(_, meaning)| *meaning == precision);
     found.map_or(Precision::Auto as u32, |(number, _)| *number)
 }
@@ -172,7 +211,7 @@ pub unsafe extern "C" fn vkdenoise_denoiser_memory_required(
     guard(|| {
         // SAFETY: as above.
         let denoiser = unsafe { handle::borrow(denoiser, "denoiser")? };
-        let required = denoiser.lock().memory_required(Extent::new(width, height))?;
+        let required = denoiser.take()?.memory_required(Extent::new(width, height))?;
         let filled = Memory {
             struct_size: size_of::<Memory>(),
             arena: required.arena,

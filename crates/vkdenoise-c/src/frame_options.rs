@@ -2,7 +2,9 @@
 
 use crate::choice::{choice, flag};
 use crate::descriptor::{self, descriptor};
+use crate::progress::{Progress, ProgressFunction};
 use crate::status::Failure;
+use std::ffi::c_void;
 use vkdenoise::ash::vk::{self, Handle};
 use vkdenoise::{BufferAddress, Exposure, Fireflies};
 
@@ -60,17 +62,22 @@ pub struct FrameOptions {
     pub statistics_buffer: u64,
     /// Bytes from its start, a multiple of 4.
     pub statistics_offset: u64,
+    /// Host path alone: a function that is told how much is done, and can end the call. NULL: none. The result has the
+    /// same bits with it. Where aux_unchanged was to follow, a call that was ended has to be made again first.
+    pub progress: ProgressFunction,
+    /// What the function is given.
+    pub progress_user: *mut c_void,
 }
 descriptor!(FrameOptions, "vkdenoise_frame_options", statistics_offset: u64);
 
-/// Reads the options of a frame; null: the defaults.
+/// Reads the options of a frame, and the callback with them; null: the defaults.
 ///
 /// # Errors
 /// A value that stands for nothing. Ranges are checked by the library where the options are used.
 ///
 /// # Safety
 /// As [`descriptor::read`].
-pub unsafe fn read(options: *const FrameOptions) -> Result<vkdenoise::FrameOptions, Failure> {
+pub unsafe fn read(options: *const FrameOptions) -> Result<(vkdenoise::FrameOptions, Option<Progress>), Failure> {
     // SAFETY: as the caller's.
     let options = unsafe { descriptor::read_or_default(options)? };
     let place = |buffer: u64, offset: u64| {
@@ -92,12 +99,14 @@ pub unsafe fn read(options: *const FrameOptions) -> Result<vkdenoise::FrameOptio
     let fireflies = choice(options.fireflies, "fireflies", "vkdenoise_fireflies", &choices)?;
     let Region { x, y, width, height } = options.region;
     let region = vkdenoise::Region { x, y, width, height };
-    Ok(vkdenoise::FrameOptions {
+    let progress = Progress::new(options.progress, options.progress_user);
+    let options = vkdenoise::FrameOptions {
         exposure,
         blend: options.blend,
         fireflies,
         statistics: place(options.statistics_buffer, options.statistics_offset),
         region: [x, y, width, height].iter().any(|value| *value != 0).then_some(region),
         features_unchanged: flag(options.aux_unchanged, "aux_unchanged")?,
-    })
+    };
+    Ok((options, progress))
 }

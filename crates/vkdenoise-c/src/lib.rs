@@ -11,9 +11,13 @@ mod device;
 mod frame_options;
 mod handle;
 mod host;
+mod host_output;
+mod host_planes;
 mod layout;
 mod pass;
+mod progress;
 mod renderer_planes;
+mod signals;
 mod status;
 
 use abi_version::VKDENOISE_ABI_VERSION;

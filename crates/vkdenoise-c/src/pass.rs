@@ -36,7 +36,7 @@ pub unsafe extern "C" fn vkdenoise_pass_create(
         // SAFETY: the caller's pointers are as the header says; the same below.
         let denoiser = unsafe { handle::borrow(denoiser, "denoiser")? };
         let extent = Extent::new(width, height);
-        let pass = denoiser.lock().pass(extent)?;
+        let pass = denoiser.take()?.pass(extent)?;
         Ok(Pass { pass, extent })
     };
     // SAFETY: as above.
@@ -66,7 +66,8 @@ pub unsafe extern "C" fn vkdenoise_pass_bind_buffers(
     // SAFETY: as above.
     let make = || unsafe {
         let Pass { pass, extent } = handle::borrow(pass, "pass")?;
-        Ok(Binding(pass.bind_buffers(&buffer_frame(frame, *extent)?)?))
+        let (frame, signals) = buffer_frame(frame, *extent)?;
+        Ok(Binding(pass.bind_buffers_with(&frame, &signals)?))
     };
     // SAFETY: as above.
     guard(|| unsafe { handle::give(binding, make) })
@@ -84,8 +85,9 @@ pub unsafe extern "C" fn vkdenoise_pass_bind_images(
 ) -> Status {
     // SAFETY: as above.
     let make = || unsafe {
-        let Pass { pass, .. } = handle::borrow(pass, "pass")?;
-        Ok(Binding(pass.bind_images(&image_frame(frame)?)?))
+        let Pass { pass, extent } = handle::borrow(pass, "pass")?;
+        let (frame, signals) = image_frame(frame, *extent)?;
+        Ok(Binding(pass.bind_images_with(&frame, &signals)?))
     };
     // SAFETY: as above.
     guard(|| unsafe { handle::give(binding, make) })
@@ -104,7 +106,7 @@ pub unsafe extern "C" fn vkdenoise_binding_destroy(binding: *mut Binding) {
 /// Records the pass into a command buffer that is recording, outside a render pass. It does not submit, wait or
 /// allocate.
 ///
-/// Before it the renderer makes its writes to the input planes (and to an exposure_buffer) visible to
+/// Before it the renderer makes its writes to the input planes (signals with them; and to an exposure_buffer) visible to
 /// VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT with VK_ACCESS_SHADER_READ_BIT, and orders earlier uses of the output (and of
 /// a statistics_buffer) before that stage. After it the output was written in that stage with
 /// VK_ACCESS_SHADER_WRITE_BIT; the renderer puts the barrier that its next use needs. The bound compute pipeline,
@@ -128,7 +130,10 @@ pub unsafe extern "C" fn vkdenoise_pass_record(
             return Err(Failure::argument("the command buffer is NULL"));
         }
         // SAFETY: as above.
-        let options = unsafe { frame_options::read(options)? };
+        let (options, progress) = unsafe { frame_options::read(options)? };
+        if progress.is_some() {
+            return Err(Failure::argument("progress is for the host path, not for passes: the renderer submits them"));
+        }
         let commands = vk::CommandBuffer::from_raw(commands as u64);
         // SAFETY: the caller promises what the header asks for.
         unsafe { pass.pass.record(commands, &binding.0, &options)? };

@@ -1,8 +1,9 @@
 //! A frame in a renderer's buffers or images.
 
 use crate::descriptor::{self, descriptor, reserved};
-use crate::host::NoiseKind;
+use crate::host_planes::NoiseKind;
 use crate::layout::{SampleFormat, Strides, place};
+use crate::signals::{BufferSignal, buffer_signals};
 use crate::status::Failure;
 use vkdenoise::ash::vk::{self, Handle};
 use vkdenoise::{Error, Extent, ImageFormat, Noise};
@@ -55,6 +56,10 @@ pub struct BufferFrame {
     pub noise_kind: u32,
     /// Must be 0.
     pub reserved: u32,
+    /// Signals in buffers that go through the colour's kernels, one after the other in memory.
+    pub signals: *const BufferSignal,
+    /// How many there are.
+    pub signal_count: usize,
 }
 descriptor!(BufferFrame, "vkdenoise_buffer_frame", reserved: u32);
 
@@ -102,17 +107,21 @@ pub struct ImageFrame {
     pub noise_kind: u32,
     /// Must be 0.
     pub reserved: u32,
+    /// Signals in buffers that go through the colour's kernels, one after the other in memory.
+    pub signals: *const BufferSignal,
+    /// How many there are.
+    pub signal_count: usize,
 }
 descriptor!(ImageFrame, "vkdenoise_image_frame", reserved: u32);
 
 /// A plane that a frame cannot do without.
-fn needed<P>(plane: Option<P>, name: &str) -> Result<P, Failure> {
+pub fn needed<P>(plane: Option<P>, name: &str) -> Result<P, Failure> {
     plane.ok_or_else(|| Failure::argument(format!("the {name} plane is NULL")))
 }
 
 /// # Safety
 /// The plane is as its header says, or null.
-unsafe fn buffer(
+pub unsafe fn buffer(
     plane: *const BufferPlane,
     name: &'static str,
     extent: Extent,
@@ -185,10 +194,15 @@ fn noise<P>(plane: Option<P>, kind: u32) -> Result<Option<Noise<P>>, Failure> {
 
 /// # Safety
 /// The frame is as its header says, or null.
-pub unsafe fn buffer_frame(frame: *const BufferFrame, extent: Extent) -> Result<vkdenoise::BufferFrame, Failure> {
+pub unsafe fn buffer_frame(
+    frame: *const BufferFrame,
+    extent: Extent,
+) -> Result<(vkdenoise::BufferFrame, Vec<vkdenoise::BufferSignal>), Failure> {
     // SAFETY: as the caller's; the same below.
     let frame = unsafe { descriptor::read(frame)? };
     reserved::<BufferFrame>(frame.reserved)?;
+    // SAFETY: as above.
+    let signals = unsafe { buffer_signals(frame.signals, frame.signal_count, extent)? };
     // SAFETY: as above.
     unsafe {
         let mut planes = vkdenoise::BufferFrame::new(
@@ -199,16 +213,21 @@ pub unsafe fn buffer_frame(frame: *const BufferFrame, extent: Extent) -> Result<
         planes.normal = buffer(frame.normal, "normal", extent, 3)?;
         planes.depth = buffer(frame.depth, "depth", extent, 1)?;
         planes.noise = noise(buffer(frame.noise, "noise", extent, 1)?, frame.noise_kind)?;
-        Ok(planes)
+        Ok((planes, signals))
     }
 }
 
 /// # Safety
 /// The frame is as its header says, or null.
-pub unsafe fn image_frame(frame: *const ImageFrame) -> Result<vkdenoise::ImageFrame, Failure> {
+pub unsafe fn image_frame(
+    frame: *const ImageFrame,
+    extent: Extent,
+) -> Result<(vkdenoise::ImageFrame, Vec<vkdenoise::BufferSignal>), Failure> {
     // SAFETY: as the caller's; the same below.
     let frame = unsafe { descriptor::read(frame)? };
     reserved::<ImageFrame>(frame.reserved)?;
+    // SAFETY: as above.
+    let signals = unsafe { buffer_signals(frame.signals, frame.signal_count, extent)? };
     // SAFETY: as above.
     unsafe {
         let mut planes = vkdenoise::ImageFrame::new(
@@ -219,6 +238,6 @@ pub unsafe fn image_frame(frame: *const ImageFrame) -> Result<vkdenoise::ImageFr
         planes.normal = image(frame.normal, "normal")?;
         planes.depth = image(frame.depth, "depth")?;
         planes.noise = noise(image(frame.noise, "noise")?, frame.noise_kind)?;
-        Ok(planes)
+        Ok((planes, signals))
     }
 }

@@ -37,6 +37,8 @@ pub enum Status {
     DeviceLost = 11,
     /// An error inside the library. Please report its message.
     Internal = 12,
+    /// The progress callback ended the call.
+    Cancelled = 13,
 }
 
 impl Status {
@@ -55,10 +57,11 @@ impl Status {
             Self::Vulkan => c"Vulkan",
             Self::DeviceLost => c"device lost",
             Self::Internal => c"internal error",
+            Self::Cancelled => c"cancelled",
         }
     }
 
-    const ALL: [Self; 13] = [
+    const ALL: [Self; 14] = [
         Self::Ok,
         Self::InvalidArgument,
         Self::PlaneMismatch,
@@ -72,6 +75,7 @@ impl Status {
         Self::Vulkan,
         Self::DeviceLost,
         Self::Internal,
+        Self::Cancelled,
     ];
 }
 
@@ -103,6 +107,7 @@ impl From<Error> for Failure {
             Error::FrameTooLarge { .. } => Status::FrameTooLarge,
             Error::Binding(_) => Status::Binding,
             Error::Weights(_) => Status::Weights,
+            Error::Cancelled => Status::Cancelled,
             _ => Status::Internal,
         };
         Self { status, message: error.to_string() }

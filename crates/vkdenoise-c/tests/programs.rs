@@ -89,6 +89,7 @@ fn the_host_example_in_c_with_the_static_library() {
 fn the_example_in_cpp() {
     let said = run(&build("c++", "-std=c++17", "examples/host.cpp", &[]));
     assert!(said.contains("as it should: the colour plane"), "{said}");
+    assert!(said.contains("ended: the window is gone"), "{said}");
 }
 
 #[test]
@@ -105,6 +106,11 @@ fn a_renderers_images_and_what_its_path_refuses() {
 #[test]
 fn what_the_host_path_refuses() {
     run(&build("cc", "-std=c11", "tests/programs/host_misuse.c", &["-pthread"]));
+}
+
+#[test]
+fn the_host_paths_signals_progress_and_tiles() {
+    run(&build("cc", "-std=c11", "tests/programs/signals.c", &["-lm"]));
 }
 
 /// The code of a language in the guide, in one piece.

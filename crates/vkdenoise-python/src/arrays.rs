@@ -192,6 +192,20 @@ impl<'py> Input<'py> {
         }
     }
 
+    /// A plane of one channel or three beside a colour.
+    pub fn layer(name: &str, object: &Bound<'py, PyAny>, color: &Self) -> PyResult<Self> {
+        let array = Floats::view(name, object)?;
+        let [height, width] = color.size();
+        match array.shape() {
+            [rows, columns] | [rows, columns, 1 | 3] if [*rows, *columns] == [height, width] => Self::of(array),
+            shape => Err(PyValueError::new_err(format!(
+                "{name} has shape {}; ({height}, {width}) is wanted, or ({height}, {width}, 1 or 3), as color has \
+                 {height} rows of {width} pixels",
+                tuple(shape)
+            ))),
+        }
+    }
+
     fn of(array: Floats<'py>) -> PyResult<Self> {
         match array.span() {
             Some(span) => Ok(Self { array, span }),
@@ -215,7 +229,12 @@ impl<'py> Input<'py> {
 
     /// Whether the colour has alpha.
     pub fn has_alpha(&self) -> bool {
-        self.array.shape().get(2) == Some(&4)
+        self.channels() == 4
+    }
+
+    /// Samples of a pixel.
+    pub fn channels(&self) -> usize {
+        self.array.shape().get(2).copied().unwrap_or(1)
     }
 
     /// The frame's size.

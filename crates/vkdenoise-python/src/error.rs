@@ -1,10 +1,11 @@
 //! The library's errors as Python's.
 
-use pyo3::exceptions::{PyMemoryError, PyOSError, PyRuntimeError, PyValueError};
+use pyo3::exceptions::{PyException, PyMemoryError, PyOSError, PyRuntimeError, PyValueError};
 use pyo3::{PyErr, create_exception};
 use vkdenoise::Error;
 use vkdenoise::WeightsError;
 
+create_exception!(vkdenoise, Cancelled, PyException, "A progress callback returned False, and the call ended.");
 create_exception!(
     vkdenoise,
     DeviceError,
@@ -22,6 +23,7 @@ create_exception!(
 pub fn raised(error: Error) -> PyErr {
     let message = error.to_string();
     match error {
+        Error::Cancelled => Cancelled::new_err("a progress callback returned False"),
         Error::DeviceLost => DeviceLostError::new_err(message),
         Error::NoLoader(_)
         | Error::NoDevice(_)

@@ -1,12 +1,11 @@
 //! The array that is written.
 
 use crate::arrays::{Floats, Input, Span, tuple};
-use half::f16;
 use numpy::{PyArrayMethods, PyUntypedArrayMethods};
 use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use pyo3::types::PySlice;
-use vkdenoise::{Plane, PlaneMut, Region, Samples, SamplesMut};
+use vkdenoise::{Plane, PlaneMut, Region, SamplesMut};
 
 /// The array that is written, and what the caller gets.
 pub struct Output<'py> {
@@ -92,32 +91,10 @@ pub fn reborrow<'a>(plane: &'a mut PlaneMut<'_>) -> PlaneMut<'a> {
     }
 }
 
-/// Passes a colour's alpha on to a result, and leaves pixels black that have neither colour nor alpha: outside of a
-/// cut-out there is no noise.
-pub fn keep_alpha(color: &Plane, output: &mut PlaneMut, region: Region) {
-    let from = |x: usize, y: usize, channel: usize| {
-        let layout = &color.layout;
-        let at = y * layout.row_stride + x * layout.pixel_stride + channel * layout.channel_stride;
-        match color.samples {
-            Samples::F32(samples) => samples[at],
-            Samples::F16(samples) => samples[at].to_f32(),
-        }
-    };
-    let layout = output.layout;
-    for y in region.y as usize..region.bottom() as usize {
-        for x in region.x as usize..region.right() as usize {
-            let pixel = [0, 1, 2, 3].map(|channel| from(x, y, channel));
-            let mut set = |channel: usize, value: f32| {
-                let at = y * layout.row_stride + x * layout.pixel_stride + channel * layout.channel_stride;
-                match &mut output.samples {
-                    SamplesMut::F32(samples) => samples[at] = value,
-                    SamplesMut::F16(samples) => samples[at] = f16::from_f32(value),
-                }
-            };
-            set(3, pixel[3]);
-            if pixel == [0.0; 4] {
-                (0..3).for_each(|channel| set(channel, 0.0));
-            }
-        }
+/// A plane that was written, to be read.
+pub fn as_read<'a>(plane: &'a PlaneMut<'_>) -> Plane<'a> {
+    match &plane.samples {
+        SamplesMut::F32(samples) => Plane::f32(samples, plane.layout),
+        SamplesMut::F16(samples) => Plane::f16(samples, plane.layout),
     }
 }

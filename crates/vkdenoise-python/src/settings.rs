@@ -41,6 +41,7 @@ pub struct Settings {
     pub quiet: Option<Quiet>,
     pub memory_budget: Option<u64>,
     pub keep_features: bool,
+    pub signals: bool,
     pub selector: DeviceSelector,
     pub cache: Cache,
 }
@@ -92,6 +93,7 @@ impl Settings {
             quiet: self.quiet,
             memory_budget: self.memory_budget,
             keep_features: self.keep_features,
+            signals: self.signals,
             ..Options::default()
         };
         vkdenoise::Denoiser::new(&device, &weights, &options)

@@ -46,6 +46,7 @@ def test_what_a_call_did(planes: Planes) -> None:
     report = denoiser.report
     assert report is not None
     assert report.exposure > 0 and report.total_ms > 0 and report.work == 1 and report.device_bytes > 1_000_000
+    assert report.tiles == 1
     assert report.gpu_ms is None or 0 < report.gpu_ms <= report.total_ms
     assert repr(report).startswith(f"Report(exposure={report.exposure:.3f}"[:20])
     # The first frame's exposure is what the next ones are given.

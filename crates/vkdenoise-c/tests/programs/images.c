@@ -1,5 +1,5 @@
-// A renderer whose frame lies in images, the exposure in a buffer; and what the renderer's path refuses. The result
-// is held against that of buffers, and the validation layer is silent.
+// A renderer whose frame lies in images, the exposure in a buffer, signals in buffers beside either; and what the
+// renderer's path refuses. The result is held against that of buffers, and the validation layer is silent.
 
 #include "../../examples/own_vulkan.h"
 
@@ -167,6 +167,81 @@ static void refusals(const vkdenoise_pass *pass, const vkdenoise_pass *other, co
   REFUSED(vkdenoise_denoise((vkdenoise_denoiser *)denoiser, &host, NULL, NULL), VKDENOISE_STATUS_BINDING, "renderer");
 }
 
+static uint32_t go_on(void *user, float share) {
+  (void)user, (void)share;
+  return 1;
+}
+
+// The colour once more as a part of itself, and the depth as a value, beside a frame in buffers and in images.
+static void signals(struct own_vulkan *own, const vkdenoise_device *device, const vkdenoise_pass *without,
+                    vkdenoise_buffer_frame buffers, const float *denoised, vkdenoise_image_frame images) {
+  const vkdenoise_status invalid = VKDENOISE_STATUS_INVALID_ARGUMENT;
+  vkdenoise_options options = VKDENOISE_INIT(vkdenoise_options);
+  options.quality = VKDENOISE_QUALITY_HIGH;
+  options.signals = 1;
+  vkdenoise_denoiser *denoiser;
+  vkdenoise_pass *pass;
+  DENOISE(vkdenoise_denoiser_create(device, &options, &denoiser));
+  DENOISE(vkdenoise_pass_create(denoiser, WIDTH, HEIGHT, &pass));
+  struct own_buffer results[4];
+  vkdenoise_buffer_plane outputs[4];
+  vkdenoise_buffer_signal given[4];
+  for (int i = 0; i < 4; i++) {
+    results[i] = own_buffer_make(own, 16 * PIXELS);
+    outputs[i] = buffer_plane(&results[i], 0);
+    given[i] = VKDENOISE_INIT(vkdenoise_buffer_signal);
+    given[i].plane = i % 2 == 0 ? buffers.color : buffers.depth;
+    given[i].output = &outputs[i];
+    given[i].kind = i % 2 == 0 ? VKDENOISE_SIGNAL_KIND_LIGHT : VKDENOISE_SIGNAL_KIND_VALUE;
+    given[i].channels = i % 2 == 0 ? 0 : 1;
+  }
+  buffers.signals = &given[0];
+  images.signals = &given[2];
+  buffers.signal_count = images.signal_count = 2;
+  vkdenoise_binding *none, *in_buffers, *in_images;
+  REFUSED(vkdenoise_pass_bind_buffers(without, &buffers, &none), invalid, "made without them");
+  REFUSED(vkdenoise_pass_bind_images(without, &images, &none), invalid, "made without them");
+  outputs[0].format = VKDENOISE_SAMPLE_FORMAT_F16;
+  REFUSED(vkdenoise_pass_bind_buffers(pass, &buffers, &none), VKDENOISE_STATUS_BINDING, "another type");
+  outputs[0].format = VKDENOISE_SAMPLE_FORMAT_F32;
+  outputs[0].size = 12;
+  REFUSED(vkdenoise_pass_bind_buffers(pass, &buffers, &none), VKDENOISE_STATUS_PLANE_MISMATCH, "signal's output");
+  outputs[0].size = results[0].size;
+  given[1].plane = NULL;
+  REFUSED(vkdenoise_pass_bind_buffers(pass, &buffers, &none), invalid, "signal plane is NULL");
+  given[1].plane = buffers.depth;
+  images.signals = NULL;
+  REFUSED(vkdenoise_pass_bind_images(pass, &images, &none), invalid, "vkdenoise_buffer_signal is NULL");
+  images.signals = &given[2];
+  DENOISE(vkdenoise_pass_bind_buffers(pass, &buffers, &in_buffers));
+  DENOISE(vkdenoise_pass_bind_images(pass, &images, &in_images));
+
+  VkCommandBuffer commands = own_begin(own);
+  vkdenoise_frame_options frame_options = VKDENOISE_INIT(vkdenoise_frame_options);
+  frame_options.progress = go_on;
+  REFUSED(vkdenoise_pass_record(pass, commands, in_buffers, &frame_options), invalid, "host path");
+  DENOISE(vkdenoise_pass_record(pass, commands, in_buffers, NULL));
+  DENOISE(vkdenoise_pass_record(pass, commands, in_images, NULL));
+  host_reads(commands);
+  own_wait(own, own_submit(own, commands));
+  const float *part = results[0].mapped, *value = results[1].mapped;
+  EXPECT(memcmp(part, results[2].mapped, 12 * PIXELS) == 0);
+  EXPECT(memcmp(value, results[3].mapped, 4 * PIXELS) == 0);
+  for (int i = 0; i < PIXELS; i++) {
+    EXPECT(1.0f <= value[i] && value[i] <= (float)HEIGHT);
+    // A part that is all of the light.
+    for (int c = 0; c < 3; c++) {
+      float off = part[3 * i + c] - denoised[4 * i + c];
+      EXPECT(-1e-5f * denoised[4 * i + c] <= off && off <= 1e-5f * denoised[4 * i + c]);
+    }
+  }
+  vkdenoise_binding_destroy(in_buffers);
+  vkdenoise_binding_destroy(in_images);
+  vkdenoise_pass_destroy(pass);
+  vkdenoise_denoiser_destroy(denoiser);
+  for (int i = 0; i < 4; i++) own_buffer_destroy(own, &results[i]);
+}
+
 int main(void) {
   struct own_vulkan own;
   own_vulkan_open(&own);
@@ -251,6 +326,12 @@ int main(void) {
   own_wait(&own, own_submit(&own, commands));
   EXPECT(*(float *)exposure.mapped == 0.75f);
   EXPECT(memcmp(first, second, 12) == 0);
+
+  // The images' output is in another layout now.
+  commands = own_begin(&own);
+  to_layout(commands, &pictures[3], VK_IMAGE_LAYOUT_UNDEFINED, general);
+  own_wait(&own, own_submit(&own, commands));
+  signals(&own, device, pass, buffers, first, images);
 
   vkdenoise_binding_destroy(in_buffers);
   vkdenoise_binding_destroy(in_images);

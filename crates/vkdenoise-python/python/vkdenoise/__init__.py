@@ -12,13 +12,25 @@ from __future__ import annotations
 
 import os
 import threading
-from collections.abc import Sequence
-from typing import TypeVar, overload
+from collections.abc import Mapping, Sequence
+from typing import Any, TypeVar, overload
 
-from ._types import Device, Fireflies, FloatArray, Precision, Quality, Readable, SkipMode
-from ._vkdenoise import Denoiser, DeviceError, DeviceInfo, DeviceLostError, Report, __version__, devices
+from ._types import (
+    Alpha,
+    Device,
+    Fireflies,
+    FloatArray,
+    Layers,
+    Precision,
+    Progress,
+    Quality,
+    Readable,
+    SkipMode,
+)
+from ._vkdenoise import Cancelled, Denoiser, DeviceError, DeviceInfo, DeviceLostError, Report, __version__, devices
 
 __all__ = [
+    "Cancelled",
     "Denoiser",
     "DeviceError",
     "DeviceInfo",
@@ -53,11 +65,12 @@ def _denoiser(
     skip_below: float | None,
     skip_mode: SkipMode,
     memory_budget: int | None,
+    signals: bool,
     device: Device | None,
 ) -> Denoiser:
     """The last one if it was made of the same options."""
     global _last
-    wanted = (quality, weights, precision, blend, skip_below, skip_mode, memory_budget, device)
+    wanted = (quality, weights, precision, blend, skip_below, skip_mode, memory_budget, signals, device)
     key = (*wanted, os.environ.get("VKDENOISE_DEVICE"))
     with _lock:
         if _last is None or _last[0] != key:
@@ -71,6 +84,7 @@ def _denoiser(
                 skip_below=skip_below,
                 skip_mode=skip_mode,
                 memory_budget=memory_budget,
+                signals=signals,
                 device=device,
             )
             _last = (key, denoiser)
@@ -98,6 +112,10 @@ def denoise(
     samples: Readable | None = ...,
     memory_budget: int | None = ...,
     device: Device | None = ...,
+    light_groups: None = ...,
+    aovs: None = ...,
+    alpha: Alpha = ...,
+    progress: Progress | None = ...,
 ) -> FloatArray: ...
 @overload
 def denoise(
@@ -120,7 +138,89 @@ def denoise(
     samples: Readable | None = ...,
     memory_budget: int | None = ...,
     device: Device | None = ...,
+    light_groups: None = ...,
+    aovs: None = ...,
+    alpha: Alpha = ...,
+    progress: Progress | None = ...,
 ) -> _Out: ...
+@overload
+def denoise(
+    color: Readable,
+    albedo: Readable | None = ...,
+    normal: Readable | None = ...,
+    depth: Readable | None = ...,
+    *,
+    out: None = ...,
+    quality: Quality = ...,
+    weights: str | os.PathLike[str] | None = ...,
+    precision: Precision = ...,
+    exposure: float | None = ...,
+    blend: float = ...,
+    fireflies: Fireflies = ...,
+    region: Sequence[int] | None = ...,
+    skip_below: float | None = ...,
+    skip_mode: SkipMode = ...,
+    variance: Readable | None = ...,
+    samples: Readable | None = ...,
+    memory_budget: int | None = ...,
+    device: Device | None = ...,
+    light_groups: Layers,
+    aovs: Layers | None = ...,
+    alpha: Alpha = ...,
+    progress: Progress | None = ...,
+) -> tuple[FloatArray, dict[str, FloatArray]]: ...
+@overload
+def denoise(
+    color: Readable,
+    albedo: Readable | None = ...,
+    normal: Readable | None = ...,
+    depth: Readable | None = ...,
+    *,
+    out: None = ...,
+    quality: Quality = ...,
+    weights: str | os.PathLike[str] | None = ...,
+    precision: Precision = ...,
+    exposure: float | None = ...,
+    blend: float = ...,
+    fireflies: Fireflies = ...,
+    region: Sequence[int] | None = ...,
+    skip_below: float | None = ...,
+    skip_mode: SkipMode = ...,
+    variance: Readable | None = ...,
+    samples: Readable | None = ...,
+    memory_budget: int | None = ...,
+    device: Device | None = ...,
+    light_groups: None = ...,
+    aovs: Layers,
+    alpha: Alpha = ...,
+    progress: Progress | None = ...,
+) -> tuple[FloatArray, dict[str, FloatArray]]: ...
+@overload
+def denoise(
+    color: Readable,
+    albedo: Readable | None = ...,
+    normal: Readable | None = ...,
+    depth: Readable | None = ...,
+    *,
+    out: Readable | None,
+    quality: Quality = ...,
+    weights: str | os.PathLike[str] | None = ...,
+    precision: Precision = ...,
+    exposure: float | None = ...,
+    blend: float = ...,
+    fireflies: Fireflies = ...,
+    region: Sequence[int] | None = ...,
+    skip_below: float | None = ...,
+    skip_mode: SkipMode = ...,
+    variance: Readable | None = ...,
+    samples: Readable | None = ...,
+    memory_budget: int | None = ...,
+    device: Device | None = ...,
+    light_groups: Layers | None = ...,
+    aovs: Layers | None = ...,
+    alpha: Alpha = ...,
+    progress: Progress | None = ...,
+) -> Any: ...
 def denoise(
     color: Readable,
     albedo: Readable | None = None,
@@ -141,7 +241,11 @@ def denoise(
     samples: Readable | None = None,
     memory_budget: int | None = None,
     device: Device | None = None,
-) -> Readable:
+    light_groups: Layers | None = None,
+    aovs: Layers | None = None,
+    alpha: Alpha = "keep",
+    progress: Progress | None = None,
+) -> Any:
     """Denoises a frame and returns the clean one.
 
     The denoiser behind it stays for the next call with the same options, with its memory on the device, until one with
@@ -155,7 +259,7 @@ def denoise(
         meanwhile: they must not write to the arrays or resize them.
 
         color     height x width x 3: linear radiance, any brightness. NaN and infinite samples are mended, negative
-                  ones are 0. With a fourth channel, alpha: it is passed through, and pixels of four zeros stay so.
+                  ones are 0. With a fourth channel, alpha: pixels of four zeros stay so.
         albedo    height x width x 3, in 0 to 1.
         normal    height x width x 3: shading normals in -1 to 1, of the world or the camera.
         depth     height x width, or x 1: any unit, larger is farther; 0, negative, not finite or at least 1e9 (in
@@ -166,6 +270,16 @@ def denoise(
         out       where to write: an array of the color's shape that can be written, of float32 or float16; it may be
                   ``color`` itself. Where it cannot be written in place, or shares memory with a plane, the result is
                   copied into it.
+
+    What goes with the colour (for ``quality="high"``)
+        Each is filtered by the kernels that are predicted for the color, for about a tenth of the frame's time.
+
+        light_groups  a dict of names and arrays of height x width x 3: parts of the color's light. Where they add up
+                      to the noisy color, the denoised ones add up to the denoised color.
+        aovs          a dict of names and arrays of height x width, x 1 or x 3: anything else that was rendered with the
+                      color. Their samples are averaged as they are.
+        alpha         "keep": the color's alpha is passed through; "denoise": it is denoised with the color, as edges
+                      want that are composited.
 
     Options
         quality        run time against error: "fast", "balanced" or "high". "fast" also skips below 0.02.
@@ -183,14 +297,18 @@ def denoise(
         skip_below     leaves squares of 16x16 pixels alone whose relative noise is below this; 0: none; None: as the
                        quality says.
         skip_mode      "approximate" or "exact": with the bits that nothing skipped would give the rest.
-        memory_budget  most bytes of device memory to take; a frame that needs more is refused.
+        memory_budget  most bytes of device memory to take; a frame that needs more is cut into tiles, which take no
+                       light groups, aovs and alpha.
         device         an index of ``devices()``, part of a name, or "best"; None: ``VKDENOISE_DEVICE`` if that is set,
                        else the best.
+        progress       a function that is called in this thread with the share of the work that is done, from 0 to 1,
+                       about every 50 ms. The call ends where it returns False or raises.
 
     Returns
-        A new array of the color's shape and type, or ``out``.
+        A new array of the color's shape and type, or ``out``. With ``light_groups`` or ``aovs`` a tuple of it and a
+        dict of new arrays, all of them by their names, each of the shape and type that was given.
 
-    Raises (``out`` is then as it was)
+    Raises (``out`` is then as it was, but for the tiles that were done of a frame that was cut into tiles)
         ValueError   a shape or an option that cannot be, or weights that are damaged; the message names it and what is
                      wanted.
         TypeError    samples that are no float32 or float16.
@@ -198,9 +316,13 @@ def denoise(
         OSError      a weights file that cannot be read.
         DeviceError  no device can run it, or its driver failed; ``DeviceLostError``: the device was lost, and the next
                      call opens it again.
+        Cancelled    ``progress`` returned False. What it raises itself is passed on.
     """
     global _last
-    denoiser = _denoiser(quality, weights, precision, blend, skip_below, skip_mode, memory_budget, device)
+    # What is no mapping is refused by the denoiser, in its words.
+    layers = (light_groups, aovs)
+    signals = alpha == "denoise" or any(isinstance(given, Mapping) and len(given) > 0 for given in layers)
+    denoiser = _denoiser(quality, weights, precision, blend, skip_below, skip_mode, memory_budget, signals, device)
     try:
         return denoiser.denoise(
             color,
@@ -213,6 +335,10 @@ def denoise(
             region=region,
             variance=variance,
             samples=samples,
+            light_groups=light_groups,
+            aovs=aovs,
+            alpha=alpha,
+            progress=progress,
         )
     except DeviceLostError:
         with _lock:

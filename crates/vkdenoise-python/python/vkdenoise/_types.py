@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal, Protocol, Union
+from collections.abc import Mapping
+from typing import Any, Callable, Literal, Protocol, Union
 
 import numpy
 import numpy.typing
@@ -12,6 +13,8 @@ Precision = Literal["auto", "fp32", "fp16", "matrix"]
 Fireflies = Literal["auto", "keep", "mend"]
 SkipMode = Literal["approximate", "exact"]
 Device = Union[int, str]
+Alpha = Literal["keep", "denoise"]
+Progress = Callable[[float], object]
 
 
 class SupportsDLPack(Protocol):
@@ -36,3 +39,4 @@ class SupportsBuffer(Protocol):
 
 FloatArray = numpy.typing.NDArray[Union[numpy.float16, numpy.float32]]
 Readable = Union[numpy.typing.NDArray[Any], SupportsDLPack, SupportsArray, SupportsBuffer]
+Layers = Mapping[str, Readable]

@@ -1,15 +1,27 @@
 import os
 from collections.abc import Sequence
-from typing import TypeVar, final, overload
+from typing import Any, TypeVar, final, overload
 
-from ._types import Device, Fireflies, FloatArray, Precision, Quality, Readable, SkipMode
+from ._types import (
+    Alpha,
+    Device,
+    Fireflies,
+    FloatArray,
+    Layers,
+    Precision,
+    Progress,
+    Quality,
+    Readable,
+    SkipMode,
+)
 
-__all__ = ["Denoiser", "DeviceError", "DeviceInfo", "DeviceLostError", "Report", "__version__", "devices"]
+__all__ = ["Cancelled", "Denoiser", "DeviceError", "DeviceInfo", "DeviceLostError", "Report", "__version__", "devices"]
 
 __version__: str
 
 _Out = TypeVar("_Out", bound=Readable)
 
+class Cancelled(Exception): ...
 class DeviceError(RuntimeError): ...
 class DeviceLostError(DeviceError): ...
 
@@ -44,6 +56,8 @@ class Report:
     def work(self) -> float: ...
     @property
     def device_bytes(self) -> int: ...
+    @property
+    def tiles(self) -> int: ...
 
 @final
 class Denoiser:
@@ -58,6 +72,7 @@ class Denoiser:
         skip_mode: SkipMode = "approximate",
         memory_budget: int | None = None,
         keep_features: bool = False,
+        signals: bool = False,
         device: Device | None = None,
         cache: str | os.PathLike[str] = ...,
     ) -> Denoiser: ...
@@ -76,6 +91,10 @@ class Denoiser:
         variance: Readable | None = None,
         samples: Readable | None = None,
         features_unchanged: bool = False,
+        light_groups: None = None,
+        aovs: None = None,
+        alpha: Alpha = "keep",
+        progress: Progress | None = None,
     ) -> FloatArray: ...
     @overload
     def denoise(
@@ -92,7 +111,51 @@ class Denoiser:
         variance: Readable | None = None,
         samples: Readable | None = None,
         features_unchanged: bool = False,
+        light_groups: None = None,
+        aovs: None = None,
+        alpha: Alpha = "keep",
+        progress: Progress | None = None,
     ) -> _Out: ...
+    @overload
+    def denoise(
+        self,
+        color: Readable,
+        albedo: Readable | None = None,
+        normal: Readable | None = None,
+        depth: Readable | None = None,
+        *,
+        out: None = None,
+        exposure: float | None = None,
+        fireflies: Fireflies = "auto",
+        region: Sequence[int] | None = None,
+        variance: Readable | None = None,
+        samples: Readable | None = None,
+        features_unchanged: bool = False,
+        light_groups: Layers,
+        aovs: Layers | None = None,
+        alpha: Alpha = "keep",
+        progress: Progress | None = None,
+    ) -> tuple[FloatArray, dict[str, FloatArray]]: ...
+    @overload
+    def denoise(
+        self,
+        color: Readable,
+        albedo: Readable | None = None,
+        normal: Readable | None = None,
+        depth: Readable | None = None,
+        *,
+        out: None = None,
+        exposure: float | None = None,
+        fireflies: Fireflies = "auto",
+        region: Sequence[int] | None = None,
+        variance: Readable | None = None,
+        samples: Readable | None = None,
+        features_unchanged: bool = False,
+        light_groups: None = None,
+        aovs: Layers,
+        alpha: Alpha = "keep",
+        progress: Progress | None = None,
+    ) -> tuple[FloatArray, dict[str, FloatArray]]: ...
     @overload
     def denoise(
         self,
@@ -108,7 +171,11 @@ class Denoiser:
         variance: Readable | None = None,
         samples: Readable | None = None,
         features_unchanged: bool = False,
-    ) -> Readable: ...
+        light_groups: Layers | None = None,
+        aovs: Layers | None = None,
+        alpha: Alpha = "keep",
+        progress: Progress | None = None,
+    ) -> Any: ...
     def memory_required(self, height: int, width: int) -> int: ...
     @property
     def report(self) -> Report | None: ...
