@@ -63,7 +63,7 @@ pub fn finish(
     for y in part.y as usize..part.bottom() as usize {
         for x in part.x as usize..part.right() as usize {
             if is_empty(x, y) && (denoised.is_none() || in_the_midst(x, y)) {
-                (0..4).for_each(|channel| set(output, x, y, channel, get(color, x, y, channel)));
+                (0..4).for_each(|channel| set(output, x, y, channel, 0.0));
                 for Signal { channels, plane, output, .. } in layers.iter_mut() {
                     (0..*channels as usize).for_each(|channel| set(output, x, y, channel, get(plane, x, y, channel)));
                 }
