@@ -273,7 +273,7 @@ impl<'a> PlaneMut<'a> {
         Self { samples: SamplesMut::F32(samples), layout }
     }
 
-    /// 16-bit samples in the given layout. Values are clamped to 65504, the largest half.
+    /// 16-bit samples in the given layout. Values are clamped to ±65504, the largest halves.
     pub const fn f16(samples: &'a mut [f16], layout: Layout) -> Self {
         Self { samples: SamplesMut::F16(samples), layout }
     }
@@ -313,7 +313,7 @@ impl<'a> PlaneMut<'a> {
                     let (index, value) = (layout.index(x, y, c), values.get(from).copied().unwrap_or(0.0));
                     match &mut self.samples {
                         SamplesMut::F32(s) => s[index] = value,
-                        SamplesMut::F16(s) => s[index] = f16::from_f32(value.min(f16::MAX.to_f32())),
+                        SamplesMut::F16(s) => s[index] = f16::from_f32(value.clamp(f16::MIN.to_f32(), f16::MAX.to_f32())),
                     }
                 }
             }
@@ -398,4 +398,18 @@ pub(crate) fn check_in_place(extent: Extent, color: &PlaneMut, features: &Featur
     extent.check()?;
     color.check("colour", extent, 3)?;
     features.check(extent)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn halves_end_at_the_largest_of_either_sign() {
+        let extent = Extent::new(2, 1);
+        let mut samples = [f16::ZERO; 2];
+        let mut plane = PlaneMut::f16(&mut samples, Layout::interleaved(extent, 1));
+        plane.unpack(extent, Region::all(extent), 1, &[-1e6, 1e6]);
+        assert_eq!(samples, [f16::MIN, f16::MAX]);
+    }
 }

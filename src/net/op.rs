@@ -63,6 +63,7 @@ pub enum Activation {
 }
 
 /// Pixel (un)shuffle by 2, applied to a convolution's result.
+#[allow(clippy::enum_variant_names, reason = "the field's own words")]
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Hash)]
 pub enum Shuffle {
     /// The result as it is.

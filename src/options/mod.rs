@@ -25,8 +25,9 @@ pub enum Precision {
     F32,
     /// Feature maps stored as halves, for half of the memory; arithmetic, log colour and residual are 32-bit floats.
     F16,
-    /// Feature maps stored as halves, and what is dense on cooperative matrices ([`crate::Device::has_matrices`]): products of
-    /// halves, summed in 32-bit floats, as are all other operations. What GPUs with matrices take by themselves.
+    /// Feature maps stored as halves, and what is dense on cooperative matrices ([`crate::Device::has_matrices`]):
+    /// products of halves, summed in 32-bit floats, as are all other operations. What GPUs with matrices take by
+    /// themselves.
     Matrix,
 }
 
@@ -121,10 +122,12 @@ pub struct Report {
     /// Milliseconds of the whole call on the host: copies, device, wait. The first call of a size also plans, allocates
     /// and compiles.
     pub total_ms: f64,
-    /// Share of the FLOPs of the whole frame's pass that were computed: 1, or less with [`crate::Denoiser::set_region`],
-    /// [`crate::Denoiser::set_features_unchanged`] and [`Options::quiet`]; more where tiles overlap.
+    /// Share of the FLOPs of the whole frame's pass that were computed: 1, or less with
+    /// [`crate::Denoiser::set_region`], [`crate::Denoiser::set_features_unchanged`] and [`Options::quiet`]; more where
+    /// tiles overlap.
     pub work: f64,
-    /// Device memory of arena, weights and staging, in bytes.
+    /// Device memory that the library holds on the device, in bytes: arenas, weights and staging of all its denoisers
+    /// there.
     pub device_bytes: u64,
     /// How the frame was cut, where it was too large for the device or the budget.
     pub tiles: Option<TileReport>,
