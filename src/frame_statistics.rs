@@ -37,7 +37,7 @@ const STRIP_TILES: BufferId = BufferId(6);
 const STRIP_RUNS: BufferId = BufferId(7);
 
 /// What is known of a frame.
-pub(crate) struct FrameStatistics {
+pub(crate) struct WholeStatistics {
     /// The statistics ([`STATS_FLOATS`]).
     pub stats: Vec<f32>,
     /// The depth scale; of no meaning without depth.
@@ -66,7 +66,7 @@ fn of_rows(width: u32, height: u32) -> TileStats {
     TileStats { stats: STATS, dst: STRIP_TILES, runs: STRIP_RUNS, width, height }
 }
 
-impl FrameStatistics {
+impl WholeStatistics {
     /// Finds them; `exposure`: the factor on the colour, else the frame's own. After every strip, `tell` hears which
     /// share is done; its error ends it there.
     pub fn of(
@@ -197,7 +197,7 @@ impl<'a> Maker<'a> {
     }
 
     /// Key and what hangs on it, and everything back on the host.
-    fn finish(mut self) -> Result<FrameStatistics> {
+    fn finish(mut self) -> Result<WholeStatistics> {
         let Extent { width, height } = self.frame.extent;
         let all = TileStats { dst: TILES, runs: RUNS, ..of_rows(width, height) };
         self.run(&[Call::StatsKey(all.key(DEPTH_SCALE))], &[])?;
@@ -223,7 +223,7 @@ impl<'a> Maker<'a> {
         submission.run()?;
         let floats: &[f32] = bytemuck::cast_slice(told.bytes());
         let (stats, rest) = floats.split_at(STATS_FLOATS as usize);
-        Ok(FrameStatistics {
+        Ok(WholeStatistics {
             stats: stats.to_vec(),
             depth_scale: rest[0],
             tile_stats: bytemuck::cast_slice(&rest[1..]).to_vec(),

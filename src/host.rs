@@ -2,8 +2,7 @@
 
 use crate::engine::Engine;
 use crate::error::{Error, Result};
-use crate::frame::NoiseKind;
-use crate::frame::{Extent, Features, Frame, Layout, Noise, Plane, PlaneMut, Region};
+use crate::frame::{Extent, Features, Frame, Layout, Noise, NoiseKind, Plane, PlaneMut, Region};
 use crate::host_signals::SignalPlanes;
 use crate::kernels::stats::{EXPOSURE, STATS_FLOATS};
 use crate::memory::{MemoryRequired, input_bytes, output_bytes, plane_bytes};

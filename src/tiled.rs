@@ -4,7 +4,7 @@
 use crate::engine::Engine;
 use crate::error::{Error, Result};
 use crate::frame::{Extent, Frame, PlaneMut, Region};
-use crate::frame_statistics::{self, FrameStatistics};
+use crate::frame_statistics::{self, WholeStatistics};
 use crate::host::{Commands, HostPass};
 use crate::kernels::TILE;
 use crate::kernels::stats::{EXPOSURE, STATS_FLOATS, TILE_WORDS};
@@ -75,7 +75,7 @@ pub(crate) fn denoise(
     meter.tell(0.0)?;
     let exposure = engine.fixed_exposure(options.exposure);
     let mut tell = |done: f64| meter.tell(done * STATISTICS_SHARE * pixels);
-    let statistics = FrameStatistics::of(engine, frame, exposure, &mut tell)?;
+    let statistics = WholeStatistics::of(engine, frame, exposure, &mut tell)?;
     meter.done = STATISTICS_SHARE * pixels;
     let exposure = statistics.stats[EXPOSURE];
     let mut run = Run {
@@ -164,7 +164,7 @@ struct Run<'a, 'b> {
     engine: &'a Arc<Engine>,
     frame: &'a Frame<'a>,
     options: &'a FrameOptions,
-    statistics: FrameStatistics,
+    statistics: WholeStatistics,
     /// Of every mean, the sum of each channel so far.
     means: Vec<Vec<f64>>,
     meter: Meter<'a, 'b>,

@@ -9,8 +9,7 @@ use super::lossy::rounded_again;
 use super::select::{Chooser, Pick};
 use super::signals::{ExrSignal, Signals};
 use super::{FeatureSource, LayerOptions, Role, Selection, UsedLayer};
-use crate::frame::NoiseKind;
-use crate::frame::{Extent, Features, Frame, Layout, Noise, Plane};
+use crate::frame::{Extent, Features, Frame, Layout, Noise, NoiseKind, Plane};
 use std::path::Path;
 use std::sync::Arc;
 

@@ -12,7 +12,7 @@ use std::process;
 use std::str::FromStr;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// Where compiled kernels and measured choices are kept between processes.
+/// Where compiled kernels are kept between processes.
 #[derive(Clone, Debug, Default, PartialEq, Eq)]
 pub enum Cache {
     /// `vkdenoise` in the user's folder for such files: `$XDG_CACHE_HOME`, else `$HOME/.cache`. As [`Cache::Off`] where

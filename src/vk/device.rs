@@ -33,7 +33,7 @@ pub struct DeviceOptions {
     pub host_clock: bool,
     /// The Vulkan loader's library, where it is not the system's own.
     pub loader: Option<PathBuf>,
-    /// Where compiled kernels and measured choices are kept for the next process.
+    /// Where compiled kernels are kept for the next process.
     pub cache: Cache,
 }
 
@@ -61,7 +61,7 @@ pub struct RendererDevice {
     /// [`Requirements::matrix_extensions`] and [`Requirements::matrix_features`]: [`crate::Precision::Matrix`] needs
     /// them.
     pub cooperative_matrix: Option<khr::cooperative_matrix::Instance>,
-    /// Where compiled kernels and measured choices are kept for the next process.
+    /// Where compiled kernels are kept for the next process.
     pub cache: Cache,
 }
 
