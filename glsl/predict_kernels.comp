@@ -37,26 +37,8 @@ layout(push_constant) uniform Push {
 
 const uint LANES_X = 8 / TX;
 const uint LANES = 64 / TX;                    // invocations per tile
-// Outputs: 25 logits, nine of the albedo's kernel from the eighth vector on, five shares and the gate from the eleventh
-// on.
-const uint ALBEDO_AT = 7u;
-const uint SHARES_AT = 10u;
-const uint VECTORS = 12u;
 
-// What a tap at `at` reads: the reliability times the image, and the reliability; of the albedo what the radiance is
-// divided by, and 1. Zeros outside the frame.
-vec4 load_tap(ivec2 at, bool of_albedo) {
-    bool inside = min(at.x, at.y) >= 0 && at.x < int(width) && at.y < int(height);
-    uvec2 clamped = uvec2(clamp(at, ivec2(0), ivec2(width, height) - 1));
-    uint pixel = clamped.y * width + clamped.x;
-    vec4 value;
-    if (of_albedo) {
-        value = vec4(demodulator(LOAD(albedo, pixel * albedo_stride).xyz), 1.0);
-    } else {
-        value = LOAD_WEIGHTS(taps, pixel * taps_stride);
-    }
-    return mix(vec4(0.0), value, bvec4(inside));
-}
+#include "shared/pixel_taps.glsl"
 
 #ifndef TEXELS
 const int SIDE = 12;                           // a tile and two pixels on each side
@@ -128,16 +110,7 @@ void main() {
     }
     if (!live) return;
     [[unroll]] for (int p = 0; p < TX; ++p) {
-        // The shares of five levels, of which the last may be impossible.
-        float most = max(max(max(first[p].x, first[p].y), max(first[p].z, first[p].w)), outputs[p].x);
-        vec4 shares = exp(first[p] - most);
-        float last_share = exp(outputs[p].x - most);
-        float inverse = 1.0 / (shares.x + shares.y + shares.z + shares.w + last_share);
-        float gate = 1.0 / (1.0 + exp(clamp(-outputs[p].y, -60.0, 60.0)));
         uint to = (at.y * width + at.x + p) * dst_stride;
-        float share = shares.x * inverse;
-        STORE(dst, to, vec4(full[p] * share, share));
-        STORE(dst, to + 1u, vec4(averages[p].sum.xyz / averages[p].sum.w, gate));
-        STORE(dst, to + 2u, vec4(shares.yzw, last_share) * inverse);
+        STORE_PREDICTED(dst, to, full[p], averages[p].sum.xyz / averages[p].sum.w, first[p], outputs[p])
     }
 }

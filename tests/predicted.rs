@@ -3,10 +3,10 @@
 
 mod common;
 
-use common::case::{Cases, KERNEL_LIMIT, PREPROCESSING, STORAGES};
+use common::case::{Cases, DENSE_FORMS, KERNEL_LIMIT, MATRIX_LIMIT, PREPROCESSING};
 use common::dense::size;
 use vkdenoise::kernels::predicted::{ApplyKernels, Halve, KernelInputs, MixLevels, PredictKernels};
-use vkdenoise::kernels::{Call, Storage, View};
+use vkdenoise::kernels::{Arithmetic, Call, Storage, View};
 use vkdenoise::net::{Arch, Head, Weights};
 use vkdenoise::plan::pack::Pack;
 
@@ -22,12 +22,20 @@ fn full(cases: &mut Cases, make: impl FnOnce(&mut Cases) -> View) -> View {
     view
 }
 
+fn pack(levels: u32, arithmetic: Arithmetic) -> Pack {
+    let head = "head".into();
+    match arithmetic {
+        Arithmetic::Floats => Pack::Kernels { head, levels },
+        Arithmetic::Matrices => Pack::KernelsMatrix { head, levels },
+    }
+}
+
 #[test]
 fn kernel_inputs() {
-    for (storage, limit) in STORAGES {
+    for (storage, arithmetic, limit) in DENSE_FORMS {
         for (levels, head) in [(3, Head::gated()), (5, Head::pure())] {
             let mut cases = cases(head);
-            cases.storage = storage;
+            (cases.storage, cases.arithmetic) = (storage, arithmetic);
             for case in 0..10 {
                 let tokens = size(&mut cases, 8);
                 let pixels = (2 * tokens.0, 2 * tokens.1);
@@ -39,16 +47,17 @@ fn kernel_inputs() {
                     albedo: cases.map(pixels, 4, 1.2),
                     color: full(&mut cases, |cases| cases.map_between(pixels, 4, 0.0, 0.7)),
                     residual: full(&mut cases, |cases| cases.map(pixels, 4, 0.5)),
-                    weights: cases.pack(Pack::Kernels { head: "head".into(), levels }),
+                    weights: cases.pack(pack(levels, arithmetic)),
                     dst: cases.target(pixels, 32),
                     taps: full(&mut cases, |cases| cases.target(pixels, 4)),
                     tiles: cases.tiles(tokens),
+                    arithmetic,
                 };
                 let (dst, taps) = (call.dst.buffer, call.taps.buffer);
                 cases.add(Call::KernelInputs(call.clone()), dst);
                 cases.add(Call::KernelInputs(call), taps);
             }
-            cases.check(&format!("kernel_inputs of {levels} levels, {storage:?}"), limit);
+            cases.check(&format!("kernel_inputs of {levels} levels, {storage:?}, {arithmetic:?}"), limit);
         }
     }
 }
@@ -56,10 +65,14 @@ fn kernel_inputs() {
 /// Weights of what taps read that are negative do not count, as those of zero.
 #[test]
 fn predict_kernels() {
-    for storage in [Storage::F32, Storage::F16] {
+    for (storage, arithmetic, limit) in [
+        (Storage::F32, Arithmetic::Floats, KERNEL_LIMIT),
+        (Storage::F16, Arithmetic::Floats, KERNEL_LIMIT),
+        (Storage::F16, Arithmetic::Matrices, MATRIX_LIMIT),
+    ] {
         for (levels, head) in [(3, Head::gated()), (5, Head::pure())] {
             let mut cases = cases(head);
-            cases.storage = storage;
+            (cases.storage, cases.arithmetic) = (storage, arithmetic);
             for case in 0..10 {
                 let pixels = size(&mut cases, 8);
                 let least = if case % 2 == 0 { 0.01 } else { -0.1 };
@@ -67,14 +80,15 @@ fn predict_kernels() {
                     hidden: cases.map(pixels, 32, 2.0),
                     taps: full(&mut cases, |cases| cases.map_between(pixels, 4, least, 1.0)),
                     albedo: cases.map(pixels, 4, 1.2),
-                    weights: cases.pack(Pack::Kernels { head: "head".into(), levels }),
+                    weights: cases.pack(pack(levels, arithmetic)),
                     dst: full(&mut cases, |cases| cases.target(pixels, 12)),
                     tiles: cases.tiles(pixels),
+                    arithmetic,
                 };
                 let dst = call.dst.buffer;
                 cases.add(Call::PredictKernels(call), dst);
             }
-            cases.check(&format!("predict_kernels of {levels} levels, {storage:?}"), KERNEL_LIMIT);
+            cases.check(&format!("predict_kernels of {levels} levels, {storage:?}, {arithmetic:?}"), limit);
         }
     }
 }

@@ -4,6 +4,22 @@ const float LEAST_ALBEDO = 0.05;
 const float LEAST_RELIABILITY = 4.248354255291589e-18;   // exp(-40)
 const float NO_LOGIT = -1e30;
 
+// Where their weights lie: [biases of what is predicted from, by phase | the reliability's row | biases of the outputs |
+// the former's, by phase | the latter's].
+const int HIDDEN = 8;                          // vectors of four
+const uint ROW_AT = 4u * HIDDEN;
+const uint BIASES_AT = ROW_AT + HIDDEN;
+const uint RELIABILITY_AT = BIASES_AT + 6u;    // the reliability's bias is the second there
+const uint HIDDEN_AT = BIASES_AT + 12u;
+// On matrices: after three blocks of 16 rows of halves for each of four phases, of 32 outputs.
+const uint MATRIX_OUTPUTS_AT = HIDDEN_AT + 4u * 3u * 64u;
+
+// Outputs: 25 logits, nine of the albedo's kernel from the eighth vector on, five shares and the gate from the eleventh
+// on.
+const uint ALBEDO_AT = 7u;
+const uint SHARES_AT = 10u;
+const uint VECTORS = 12u;
+
 // What radiance is divided by: the albedo, where there is any.
 vec3 demodulator(vec3 albedo) {
     float has = clamp(max(albedo.x, max(albedo.y, albedo.z)) / LEAST_ALBEDO, 0.0, 1.0);
@@ -45,4 +61,17 @@ ivec2 offset_in_5x5(uint tap) {
 ivec2 offset_in_3x3(uint tap) {
     uint row = tap * 11u >> 5;
     return ivec2(tap - 3u * row, row) - 1;
+}
+
+// Of a pixel what MixLevels reads: the mean of the image times the first level's share and that, the mean albedo and the
+// gate, the other levels' shares. `last` holds the share of the fifth level, which may be impossible, and the gate.
+#define STORE_PREDICTED(dst, to, full, albedo, first, last) { \
+    float most = max(max(max((first).x, (first).y), max((first).z, (first).w)), (last).x); \
+    vec4 shares = exp((first) - most); \
+    float last_share = exp((last).x - most); \
+    float inverse = 1.0 / (shares.x + shares.y + shares.z + shares.w + last_share); \
+    float gate = 1.0 / (1.0 + exp(clamp(-(last).y, -60.0, 60.0))); \
+    STORE(dst, to, vec4((full) * (shares.x * inverse), shares.x * inverse)); \
+    STORE(dst, (to) + 1u, vec4(albedo, gate)); \
+    STORE(dst, (to) + 2u, vec4(shares.yzw, last_share) * inverse); \
 }

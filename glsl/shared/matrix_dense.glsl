@@ -17,7 +17,9 @@ const uint OWN_TOKENS = TOKENS / HALVES;        // of a subgroup
 const uint ROW_TILES = OWN_TOKENS / ROWS;
 const uint COLUMN_TILES = OUTPUTS / COLUMNS;
 const uint SUMS_STRIDE = OUTPUTS / 4u + 1u;     // in vectors of four floats
-const uint SUMS_TOKENS = 32u / HALVES;          // of a subgroup at a time
+#ifndef SUMS_TOKENS
+#define SUMS_TOKENS (32u / HALVES)              // of a subgroup at a time
+#endif
 const uint STAGED_SUMS = SUBGROUPS * SUMS_TOKENS * SUMS_STRIDE;
 
 const uint BLOCK = 16u * OUTPUTS / 8u;           // vectors of a block of weights

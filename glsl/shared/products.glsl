@@ -1,15 +1,9 @@
-// Products of a row of inputs with weights, four outputs at a time, and where the weights of predicted kernels lie:
-// [biases of what is predicted from, by phase | the reliability's row | biases of the outputs | the former's, by phase
-// | the latter's], rows of four outputs an input.
+// Products of a row of inputs with weights, four outputs at a time. Those of predicted kernels have rows of four outputs
+// an input.
 #ifdef LANES_SHARE
 #include "shared/lanes.glsl"
 #endif
 
-const int HIDDEN = 8;                          // vectors of four
-const uint ROW_AT = 4u * HIDDEN;
-const uint BIASES_AT = ROW_AT + HIDDEN;
-const uint RELIABILITY_AT = BIASES_AT + 6u;    // the reliability's bias is the second there
-const uint HIDDEN_AT = BIASES_AT + 12u;
 const uint OUTPUTS_AT = HIDDEN_AT + 4u * HIDDEN * 40u;
 
 // value[p] += the products of `count` inputs of each of TX tokens, `input(p, k)` being the k-th, with the rows from

@@ -65,6 +65,8 @@ impl Call {
             Self::Separable3x3(k) if contract.needs_matrix() => matrix::separable3x3(k, special),
             Self::WindowAttention(k) if contract.needs_matrix() => matrix::window_attention(k),
             Self::Unembed(k) if contract.needs_matrix() => matrix::unembed(k),
+            Self::KernelInputs(k) if contract.needs_matrix() => matrix::kernel_inputs(k),
+            Self::PredictKernels(k) if contract.needs_matrix() => matrix::predict_kernels(k),
             Self::AuxProjection(_) => matrix::aux_projection(self.kernel().groups(variant)),
             Self::Conv3x3(k) => conv3x3(k, contract),
             Self::Winograd3x3(k) => winograd3x3(k, contract),

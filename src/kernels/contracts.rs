@@ -20,6 +20,8 @@ const DEPTH: Constant = Constant { name: "DEPTH", value: ConstantValue::MatrixDe
 const EPILOGUE: Constant = Constant { name: "EPILOGUE", value: ConstantValue::Epilogue };
 const INNER_EPILOGUE: Constant = Constant { name: "INNER_EPILOGUE", value: ConstantValue::InnerEpilogue };
 const MATRIX: &[Constant] = &[INVOCATIONS, ROWS, COLUMNS, DEPTH];
+const PREDICT_MATRIX: &[Constant] =
+    &[Constant { name: "INVOCATIONS", value: ConstantValue::Subgroups(PREDICT_SUBGROUPS) }, ROWS, COLUMNS, DEPTH];
 const AUX_MATRIX: &[Constant] = &[AUX_INVOCATIONS, ROWS, COLUMNS, DEPTH];
 const TILES: Constant = Constant { name: "TILES", value: ConstantValue::Tiles };
 const HALVES_OF_TILES: Constant = Constant { name: "HALVES", value: ConstantValue::Halves };
@@ -40,6 +42,8 @@ const SEPARABLE: &[Constant] = &[EPILOGUE, INNER_EPILOGUE];
 pub const MATRIX_SUBGROUPS: u32 = 4;
 /// The same of the features' projection.
 pub const AUX_SUBGROUPS: u32 = 8;
+/// Subgroups of a workgroup of the kernel that predicts kernels on matrices.
+const PREDICT_SUBGROUPS: u32 = 2;
 
 macro_rules! contract {
     ($name:expr, $source:literal, $push:ident, [$(($key:literal, $value:literal)),*], $needs:expr) => {
@@ -256,6 +260,12 @@ contracts! {
         /// The features' projection in one on cooperative matrices.
         AUX_PROJECTION_MATRIX = "aux_projection_matrix" "aux_projection_matrix.comp" AuxProjectionPush
             { "SRC_F16": "1", "DST_F16": "1" } MATRICES, AUX_MATRIX;
+        /// What kernels of pixels are predicted from, on cooperative matrices.
+        KERNEL_INPUTS_MATRIX = "kernel_inputs_matrix" "kernel_inputs_matrix.comp" KernelInputsPush
+            { "SRC_F16": "1", "DST_F16": "1" } MATRICES, MATRIX;
+        /// Kernels of every pixel, on cooperative matrices.
+        PREDICT_KERNELS_MATRIX = "predict_kernels_matrix" "predict_kernels_matrix.comp" PredictKernelsPush
+            { "SRC_F16": "1" } MATRICES, PREDICT_MATRIX;
         /// Joint window attention on cooperative matrices.
         WINDOW_ATTENTION_MATRIX = "window_attention_matrix" "window_attention_matrix.comp" WindowAttentionPush
             { "SRC_F16": "1", "DST_F16": "1" } MATRICES, ATTENTION_MATRIX_CUT;

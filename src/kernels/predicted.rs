@@ -4,7 +4,7 @@ use super::contracts::{self, halves};
 use super::pushes::{ApplyKernelsPush, HalvePush, KernelInputsPush, MixLevelsPush, PredictKernelsPush};
 use super::signals::SignalKind;
 use super::{
-    Access, Addresses, BufferId, Footprint, Grid, Kernel, KernelTarget, PushBytes, Scale, Storage, TexelRange, Tiles,
+    Access, Addresses, Arithmetic, BufferId, Footprint, Grid, Kernel, KernelTarget, PushBytes, Scale, Storage, TexelRange, Tiles,
     Traffic, Variant, View, by_storage, flags, groups,
 };
 
@@ -13,6 +13,13 @@ use super::{
 const HIDDEN_WEIGHTS: usize = (4 * 32 + 32) + 4 * 32 * 40;
 /// All of them, with those that [`PredictKernels`] reads: biases, and 32 inputs of 48 outputs.
 pub const WEIGHTS: usize = HIDDEN_WEIGHTS + 48 + 48 * 32;
+/// Rows of the hidden numbers' matrix on matrices: 32 channels of a token, colour and residual of three channels and a
+/// zero each, and once more for what halves leave of these.
+pub const MATRIX_ROWS: usize = 48;
+/// 32-bit words of the halves that [`KernelInputs`] reads on matrices.
+const HIDDEN_HALVES: usize = 4 * 32 * MATRIX_ROWS / 2;
+/// Words of all of the form for matrices: biases and the reliability's row are 32-bit floats.
+pub const MATRIX_WEIGHTS: usize = 4 * 32 + 32 + 48 + HIDDEN_HALVES + 48 * 32 / 2;
 /// How far beyond itself a kernel reads, in tokens of its image.
 pub const REACH: u32 = 2;
 /// How far a kernel over albedo reads.
@@ -31,7 +38,7 @@ pub struct KernelInputs {
     pub color: View,
     /// Pixels, 32-bit floats: what the network adds to it.
     pub residual: View,
-    /// Packed weights ([`crate::plan::pack::Pack::Kernels`]).
+    /// Packed weights ([`crate::plan::pack::Pack::Kernels`]), on matrices [`crate::plan::pack::Pack::KernelsMatrix`].
     pub weights: BufferId,
     /// Pixels: what is predicted from, 32 channels.
     pub dst: View,
@@ -39,10 +46,22 @@ pub struct KernelInputs {
     pub taps: View,
     /// Tiles of the tokens.
     pub tiles: Tiles,
+    /// What it computes with; on matrices it fits them.
+    pub arithmetic: Arithmetic,
+}
+
+impl KernelInputs {
+    /// Whether there is a kernel on matrices for its maps: whole vectors of halves.
+    pub fn fits_matrices(&self) -> bool {
+        self.tokens.is_vectors_of_halves() && self.dst.storage == Storage::F16
+    }
 }
 
 impl Kernel for KernelInputs {
     fn choose(&self, target: KernelTarget) -> Variant {
+        if self.arithmetic == Arithmetic::Matrices {
+            return Variant::plain(&contracts::KERNEL_INPUTS_MATRIX);
+        }
         Variant::plain(match target.cpu_with(&self.texels()) {
             true => by_storage(self.dst.storage, &contracts::KERNEL_INPUTS_CPU, &halves::KERNEL_INPUTS_CPU),
             false => by_storage(self.dst.storage, &contracts::KERNEL_INPUTS, &halves::KERNEL_INPUTS),
@@ -98,7 +117,11 @@ impl Kernel for KernelInputs {
     }
 
     fn others(&self) -> Traffic {
-        Traffic::reading([(self.weights, HIDDEN_WEIGHTS as u64 * 4)])
+        let words = match self.arithmetic {
+            Arithmetic::Floats => HIDDEN_WEIGHTS,
+            Arithmetic::Matrices => 4 * 32 + 32 + HIDDEN_HALVES,
+        };
+        Traffic::reading([(self.weights, words as u64 * 4)])
     }
 
     fn texels(&self) -> Vec<TexelRange> {
@@ -116,17 +139,29 @@ pub struct PredictKernels {
     pub taps: View,
     /// Albedo in the first three channels.
     pub albedo: View,
-    /// Packed weights ([`crate::plan::pack::Pack::Kernels`]).
+    /// Packed weights ([`crate::plan::pack::Pack::Kernels`]), on matrices [`crate::plan::pack::Pack::KernelsMatrix`].
     pub weights: BufferId,
     /// The mean times the first level's share and the share, the mean albedo and the gate, the other levels' shares;
     /// 32-bit floats.
     pub dst: View,
     /// Tiles of the pixels.
     pub tiles: Tiles,
+    /// What it computes with; on matrices it fits them.
+    pub arithmetic: Arithmetic,
+}
+
+impl PredictKernels {
+    /// Whether there is a kernel on matrices for its maps: whole vectors of halves.
+    pub fn fits_matrices(&self) -> bool {
+        self.hidden.is_vectors_of_halves()
+    }
 }
 
 impl Kernel for PredictKernels {
     fn choose(&self, target: KernelTarget) -> Variant {
+        if self.arithmetic == Arithmetic::Matrices {
+            return Variant::plain(&contracts::PREDICT_KERNELS_MATRIX);
+        }
         let contract = match (target.cpu_with(&self.texels()), self.hidden.storage) {
             (true, _) => &contracts::PREDICT_KERNELS_CPU,
             (false, Storage::F32) => &contracts::PREDICT_KERNELS,
@@ -177,7 +212,11 @@ impl Kernel for PredictKernels {
     }
 
     fn others(&self) -> Traffic {
-        Traffic::reading([(self.weights, (WEIGHTS - HIDDEN_WEIGHTS) as u64 * 4)])
+        let matrix = match self.arithmetic {
+            Arithmetic::Floats => 48 * 32,
+            Arithmetic::Matrices => 48 * 32 / 2,
+        };
+        Traffic::reading([(self.weights, (48 + matrix) * 4)])
     }
 
     fn texels(&self) -> Vec<TexelRange> {

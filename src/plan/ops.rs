@@ -161,29 +161,35 @@ impl Lowering<'_> {
                 Call::TokenSum(sum)
             }
             OpKind::KernelInputs { head, early, tokens, color, residual, albedo, levels, output, taps } => {
-                let pack = Pack::Kernels { head: head.clone(), levels: *levels };
-                Call::KernelInputs(predicted::KernelInputs {
+                let mut call = predicted::KernelInputs {
                     early: self.view(*early),
                     tokens: self.view(*tokens),
                     albedo: self.view(*albedo),
                     color: self.view(*color),
                     residual: self.view(*residual),
-                    weights: self.pack(head, pack),
+                    weights: BufferId(0),
                     dst: self.view(*output),
                     taps: self.view(*taps),
                     tiles: Tiles::All,
-                })
+                    arithmetic: Arithmetic::Floats,
+                };
+                call.arithmetic = self.arithmetic(call.fits_matrices());
+                call.weights = self.pack(head, kernels_pack(head, *levels, call.arithmetic));
+                Call::KernelInputs(call)
             }
             OpKind::PredictKernels { head, hidden, taps, albedo, levels, output } => {
-                let pack = Pack::Kernels { head: head.clone(), levels: *levels };
-                Call::PredictKernels(predicted::PredictKernels {
+                let mut call = predicted::PredictKernels {
                     hidden: self.view(*hidden),
                     taps: self.view(*taps),
                     albedo: self.view(*albedo),
-                    weights: self.pack(head, pack),
+                    weights: BufferId(0),
                     dst: self.view(*output),
                     tiles: Tiles::All,
-                })
+                    arithmetic: Arithmetic::Floats,
+                };
+                call.arithmetic = self.arithmetic(call.fits_matrices());
+                call.weights = self.pack(head, kernels_pack(head, *levels, call.arithmetic));
+                Call::PredictKernels(call)
             }
             OpKind::Halve { input, output } => {
                 Call::Halve(predicted::Halve { src: self.view(*input), dst: self.whole(*output), tiles: Tiles::All })
@@ -239,5 +245,14 @@ impl Lowering<'_> {
         let pack = Pack::Norm { norm: norm.to_owned(), channels: input.channels };
         let weights = self.pack(norm, pack);
         Call::LayerNorm(maps::LayerNorm { src: self.view(input), dst, weights, tiles: Tiles::All })
+    }
+}
+
+/// The weights of predicted kernels, for either arithmetic.
+fn kernels_pack(head: &str, levels: u32, arithmetic: Arithmetic) -> Pack {
+    let head = head.to_owned();
+    match arithmetic {
+        Arithmetic::Floats => Pack::Kernels { head, levels },
+        Arithmetic::Matrices => Pack::KernelsMatrix { head, levels },
     }
 }

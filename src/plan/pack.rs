@@ -4,7 +4,7 @@
 use super::{predicted, unembed, winograd};
 use crate::kernels::dense::{TILE_CHANNELS, conv_tile_channels};
 use crate::kernels::on_matrices::DEPTH;
-use crate::kernels::predicted::WEIGHTS;
+use crate::kernels::predicted::{MATRIX_WEIGHTS, WEIGHTS};
 use crate::kernels::winograd::{WINOGRAD_CHANNELS, WinogradTile};
 use crate::net::op::{ConvWeight, LinearWeight};
 use crate::net::weights::{Weights, WeightsError};
@@ -114,6 +114,14 @@ pub enum Pack {
         /// Sizes of kernels.
         levels: u32,
     },
+    /// The same for kernels on matrices: `[biases and the reliability's row as above | halves: matrix by pixel of a token |
+    /// matrix of the outputs]`, of each `[16 rows][output][row]`, the first one's rows of colour and residual twice.
+    KernelsMatrix {
+        /// Tensor prefix.
+        head: String,
+        /// Sizes of kernels.
+        levels: u32,
+    },
     /// `[bias | matrix row by row]`.
     FilmVector {
         /// Tensor prefix.
@@ -149,6 +157,7 @@ impl Pack {
                 rows.biases + rows.biases * rows.count.next_multiple_of(DEPTH as usize) / 2
             }
             Self::Kernels { .. } => WEIGHTS,
+            Self::KernelsMatrix { .. } => MATRIX_WEIGHTS,
             Self::FilmVector { inputs, outputs, .. } => (*outputs * (*inputs + 1)) as usize,
         }
     }
@@ -179,6 +188,10 @@ impl Pack {
             let (spread, gather, inputs) = (spread.clone(), gather.clone(), *inputs);
             let floats = Self::Unembed { spread, gather, inputs }.floats(weights)?;
             return Ok(unembed::matrix_words(&floats, inputs as usize));
+        }
+        if let Self::KernelsMatrix { head, levels } = self {
+            let floats = Self::Kernels { head: head.clone(), levels: *levels }.floats(weights)?;
+            return Ok(predicted::matrix_words(&floats));
         }
         let pack = match self {
             Self::Halves(pack) => pack,
@@ -304,7 +317,7 @@ impl Pack {
                 }
             }
             // Their words are made of those of another pack.
-            Self::Halves(_) | Self::UnembedMatrix { .. } => {}
+            Self::Halves(_) | Self::UnembedMatrix { .. } | Self::KernelsMatrix { .. } => {}
             Self::FilmVector { weight, outputs, .. } => {
                 let (bias, matrix) = out.split_at_mut(*outputs as usize);
                 bias.copy_from_slice(tensor(weight, "bias")?);
@@ -319,7 +332,7 @@ const LARGEST_HALF: f32 = 65504.0;
 
 /// A matrix of so many rows and columns as halves, two in a word: `[DEPTH rows][column][row]`, filled up with rows of
 /// zeros.
-fn in_blocks(rows: usize, columns: usize, value: impl Fn(usize, usize) -> f32) -> Vec<u32> {
+pub(super) fn in_blocks(rows: usize, columns: usize, value: impl Fn(usize, usize) -> f32) -> Vec<u32> {
     let depth = DEPTH as usize;
     let mut words = Vec::with_capacity(rows.next_multiple_of(depth) * columns / 2);
     for (block, column) in (0..rows.div_ceil(depth)).flat_map(|block| (0..columns).map(move |column| (block, column))) {

@@ -1,6 +1,7 @@
 //! The weights of [`crate::kernels::predicted::PredictKernels`], as `glsl/predict_kernels.comp` reads them.
 
-use crate::kernels::predicted::WEIGHTS;
+use super::pack::in_blocks;
+use crate::kernels::predicted::{MATRIX_ROWS, MATRIX_WEIGHTS, WEIGHTS};
 use crate::net::head::{FULL_OUTPUTS, HIDDEN};
 use crate::net::weights::{Weights, WeightsError};
 
@@ -13,6 +14,7 @@ const BIASES_AT: usize = ROW_AT + HIDDEN as usize;
 const HIDDEN_AT: usize = BIASES_AT + OUTPUTS;
 const OUTPUTS_AT: usize = HIDDEN_AT + 4 * HIDDEN as usize * INPUTS;
 const _: () = assert!(OUTPUTS_AT + OUTPUTS * HIDDEN as usize == WEIGHTS);
+const _: () = assert!(MATRIX_ROWS == 2 * INPUTS - HIDDEN as usize);
 
 /// The logit of a level that there is not.
 const IMPOSSIBLE: f32 = -1e30;
@@ -71,4 +73,23 @@ pub fn write(head: &str, levels: u32, weights: &Weights, out: &mut [f32]) -> Res
         set(43 + i, row, more_bias[i]);
     }
     Ok(())
+}
+
+/// The form for matrices, from the packed form of 32-bit floats.
+pub fn matrix_words(packed: &[f32]) -> Vec<u32> {
+    let hidden = HIDDEN as usize;
+    let mut words: Vec<u32> = packed[..HIDDEN_AT].iter().map(|value| value.to_bits()).collect();
+    for phase in 0..4 {
+        let value = |row: usize, output: usize| {
+            // What halves leave of colour and residual meets the weights of these.
+            let input = if row < INPUTS { row } else { row - (INPUTS - hidden) };
+            let row_of_four = phase * hidden / 4 + output / 4;
+            packed[HIDDEN_AT + (row_of_four * INPUTS + input) * 4 + output % 4]
+        };
+        words.extend(in_blocks(MATRIX_ROWS, hidden, value));
+    }
+    let output = |row: usize, output: usize| packed[OUTPUTS_AT + (output / 4 * hidden + row) * 4 + output % 4];
+    words.extend(in_blocks(hidden, OUTPUTS, output));
+    debug_assert_eq!(words.len(), MATRIX_WEIGHTS);
+    words
 }

@@ -7,6 +7,7 @@ use crate::kernels::contract::Specialisation;
 use crate::kernels::contracts::{AUX_SUBGROUPS, MATRIX_SUBGROUPS};
 use crate::kernels::dense::{Conv3x3, Linear, TILE_CHANNELS};
 use crate::kernels::on_matrices::{DEPTH, groups_of};
+use crate::kernels::predicted::{KernelInputs, MATRIX_ROWS, PredictKernels};
 use crate::kernels::separable::Separable3x3;
 use crate::kernels::unembed::{TAPS, Unembed};
 use crate::kernels::window_attention::WindowAttention;
@@ -109,6 +110,35 @@ pub(super) fn unembed(call: &Unembed) -> Accesses {
         global_stores: tiles * TOKENS * 4,
         shared_loads: tiles * (TOKENS * rows / 8 + TOKENS * 4),
         shared_stores: tiles * (staged + TOKENS * 4),
+    }
+}
+
+/// Four pixels a token, 32 hidden numbers each.
+pub(super) fn kernel_inputs(call: &KernelInputs) -> Accesses {
+    let tiles = u64::from(call.tiles.count(call.tokens.width, call.tokens.height));
+    let (pixels, rows) = (4 * TOKENS, MATRIX_ROWS as u64);
+    // Of a token its channels, of a pixel colour and residual; of these two vectors each. Then every phase's weights.
+    let staged = TOKENS * OUTPUTS / 8 + 2 * pixels + SUBGROUPS * rows * OUTPUTS / 8;
+    let results = pixels * OUTPUTS / 4;
+    Accesses {
+        global_loads: tiles * (staged + 3 * results + 3 * pixels),
+        global_stores: tiles * (results + pixels),
+        shared_loads: tiles * (SUBGROUPS * (TOKENS + OUTPUTS) * rows / 8 + results + pixels),
+        shared_stores: tiles * (staged + results + pixels),
+    }
+}
+
+/// 48 outputs a pixel by two subgroups, and 25 and nine taps.
+pub(super) fn predict_kernels(call: &PredictKernels) -> Accesses {
+    let tiles = u64::from(call.tiles.count(call.dst.width, call.dst.height));
+    let (rows, outputs) = (OUTPUTS, 48);
+    let staged = TOKENS * rows / 8 + 2 * u64::from((TILE + 4) * (TILE + 4)) + rows * outputs / 8;
+    let results = TOKENS * outputs / 4;
+    Accesses {
+        global_loads: tiles * (staged + results),
+        global_stores: tiles * TOKENS * 3,
+        shared_loads: tiles * ((TOKENS + 2 * outputs) * rows / 8 + results + TOKENS * (25 + 9)),
+        shared_stores: tiles * (staged + results),
     }
 }
 
