@@ -11,6 +11,8 @@ CREDITS = {
     "living-room": '"The Grey & White Room" by Wig42 (CC BY 3.0)',
     "teapot": '"Utah Teapot" by Benedikt Bitterli (CC0)',
 }
+# Of `cycles_frames.py`; all others are Mitsuba's.
+OF_CYCLES = ("floor", "room")
 # Of each image the middle rows are shown: noise hardly compresses, and the picture is meant for a README.
 ROWS = 144
 GAP = 6
@@ -26,7 +28,8 @@ def label(column, spp):
 
 
 def credit_line(scenes):
-    return "Scenes: " + "; ".join(CREDITS.get(s, s) for s in scenes) + ". Rendered with Mitsuba 3."
+    renderers = dict.fromkeys("Blender's Cycles" if s in OF_CYCLES else "Mitsuba 3" for s in scenes)
+    return "Scenes: " + "; ".join(CREDITS.get(s, s) for s in scenes) + f". Rendered with {' and '.join(renderers)}."
 
 
 def middle_rows(color):

@@ -6,13 +6,14 @@ import numpy as np
 from kit import metrics
 
 METRIC_NAMES = tuple(metrics.METRICS)
-TITLES = {"psnr": "PSNR (dB)", "ssim": "SSIM", "relmse": "relMSE"}
-FORMATS = {"psnr": "{:.2f}", "ssim": "{:.3f}", "relmse": "{:.4f}"}
+TITLES = {"psnr": "PSNR (dB)", "ssim": "SSIM", "relmse": "relMSE", "detail": "detail"}
+FORMATS = {"psnr": "{:.2f}", "ssim": "{:.3f}", "relmse": "{:.4f}", "detail": "{:.3f}"}
 INTRODUCTION = """# Image quality
 
 Written by `tools/measure/quality.py`; `tools/measure/README.md` says how to run it and what each column is. PSNR and SSIM
 are of the 8-bit display images (gamma 2.2), relMSE = mean((a-b)^2 / (b^2 + 0.01)) of linear radiance; its gain is the
-factor it fell by. In rows without features every method gets the colour alone.
+factor it fell by. Detail is the correlation with the reference of what a Gaussian of 11x11 pixels takes from the display
+image: texture that is wiped out or invented lowers it. In rows without features every method gets the colour alone.
 """
 
 
@@ -37,6 +38,7 @@ class Row:
     psnr: float
     ssim: float
     relmse: float
+    detail: float
 
 
 def table(head, rows):
@@ -63,7 +65,7 @@ def means(rows, setting, method):
 def gains(rows, setting, method):
     """{metric: gain of the mean over the first method's}; of relMSE, by which factor it fell."""
     before, after = means(rows, setting, rows[0].method), means(rows, setting, method)
-    differences = {n: after[n] - before[n] for n in ("psnr", "ssim")}
+    differences = {n: after[n] - before[n] for n in ("psnr", "ssim", "detail")}
     return differences | {"relmse": before["relmse"] / after["relmse"]}
 
 
@@ -75,9 +77,9 @@ def means_table(rows):
             mean, gain = means(rows, setting, method), gains(rows, setting, method)
             shown = [FORMATS[n].format(mean[n]) for n in METRIC_NAMES]
             if method == rows[0].method:
-                better = [""] * 3
+                better = [""] * len(METRIC_NAMES)
             else:
-                better = [f"{gain['psnr']:+.2f} dB", f"{gain['ssim']:+.3f}", f"/ {gain['relmse']:.2f}"]
+                better = [f"{gain['psnr']:+.2f} dB", f"{gain['ssim']:+.3f}", f"/ {gain['relmse']:.2f}", f"{gain['detail']:+.3f}"]
             lines.append([setting, method, *(cell for pair in zip(shown, better) for cell in pair)])
     return table(["input", "method", *(cell for n in METRIC_NAMES for cell in (TITLES[n], "gain"))], lines)
 

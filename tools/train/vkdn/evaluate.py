@@ -58,11 +58,11 @@ def main():
         args.png.mkdir(parents=True, exist_ok=True)
     model = load(args.weights)
     rows = {}
-    print("| view | spp | PSNR noisy | PSNR | SSIM noisy | SSIM | relMSE noisy | relMSE |\n" + "|---" * 8 + "|")
+    print("| view | spp | PSNR noisy | PSNR | SSIM noisy | SSIM | relMSE noisy | relMSE | detail noisy | detail |\n" + "|---" * 10 + "|")
 
     def show(name, spp, values):
-        (a, b), (c, d), (e, f) = (values[n] for n in metrics.METRICS)
-        print(f"| {name} | {spp} | {a:.2f} | {b:.2f} | {c:.3f} | {d:.3f} | {e:.4f} | {f:.4f} |")
+        (a, b), (c, d), (e, f), (g, h) = (values[n] for n in metrics.METRICS)
+        print(f"| {name} | {spp} | {a:.2f} | {b:.2f} | {c:.3f} | {d:.3f} | {e:.4f} | {f:.4f} | {g:.3f} | {h:.3f} |")
 
     for view in find_views(args.data, args.scenes and args.scenes.split(",")):
         for spp, values in measure(model, view, args.features.split(","), args.png):

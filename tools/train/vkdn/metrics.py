@@ -1,4 +1,4 @@
-"""PSNR and SSIM on 8-bit display images, relMSE on linear radiance. Images are [H, W, 3] numpy arrays."""
+"""PSNR, SSIM and detail on 8-bit display images, relMSE on linear radiance. Images are [H, W, 3] numpy arrays."""
 import numpy as np
 
 GAMMA = 2.2
@@ -46,4 +46,15 @@ def relmse(image, reference):
     return float(((a - b) ** 2 / (b**2 + 0.01)).mean())
 
 
-METRICS = {"psnr": psnr, "ssim": ssim, "relmse": relmse}
+def detail(image, reference):
+    """Correlation of what the 11x11 Gaussian takes from both: 1 where fine texture and edges are the reference's, less where
+    they are wiped out, or invented. NaN for images smaller than the window, or without detail."""
+    a, b = display(image), display(reference)
+    if min(a.shape[:2]) < 11:
+        return float("nan")
+    a, b = (x[5:-5, 5:-5] - blur_valid(x) for x in (a, b))
+    scale = np.sqrt((a**2).sum() * (b**2).sum())
+    return float((a * b).sum() / scale) if scale > 0 else float("nan")
+
+
+METRICS = {"psnr": psnr, "ssim": ssim, "relmse": relmse, "detail": detail}
