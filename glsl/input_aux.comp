@@ -11,50 +11,31 @@ layout(local_size_x = 64) in;
 layout(set = 0, binding = 0) uniform texture2D albedo_image;
 layout(set = 0, binding = 1) uniform texture2D normal_image;
 layout(set = 0, binding = 2) uniform texture2D depth_image;
-#define PLANE Uints
-#else
-#define PLANE Plane
 #endif
 
 layout(push_constant) uniform Push {
-    PLANE albedo;
-    PLANE normal;
-    PLANE depth;
+    Planes planes;
     ReadFloats depth_scale;
     Target dst;
     TileList tiles;       // with FLAG_TILE_LIST
-    uint albedo_offset;
-    uint albedo_pixel;
-    uint albedo_row;
-    uint albedo_channel;
-    uint normal_offset;
-    uint normal_pixel;
-    uint normal_row;
-    uint normal_channel;
-    uint depth_offset;
-    uint depth_pixel;
-    uint depth_row;
     uint width;
     uint height;
     uint dst_width;
     uint first_tile;      // x | y << 16, in half tiles
     uint tile_count;
     uint flags;
-    uint unused;
 };
 
 #include "shared/read_depth.glsl"
+
+Plane albedo_plane = planes.albedo;
+Plane normal_plane = planes.normal;
 
 vec3 read_albedo(uvec2 at) {
 #ifdef IMAGES
     return texelFetch(albedo_image, ivec2(at), 0).rgb;
 #else
-    bool half_floats = (flags & FLAG_ALBEDO_HALF) != 0u;
-    uint index = albedo_offset + at.y * albedo_row + at.x * albedo_pixel;
-    return vec3(
-        plane_sample(albedo, index, half_floats),
-        plane_sample(albedo, index + albedo_channel, half_floats),
-        plane_sample(albedo, index + 2u * albedo_channel, half_floats));
+    return plane_samples(albedo_plane, at);
 #endif
 }
 
@@ -62,12 +43,7 @@ vec3 read_normal(uvec2 at) {
 #ifdef IMAGES
     return texelFetch(normal_image, ivec2(at), 0).rgb;
 #else
-    bool half_floats = (flags & FLAG_NORMAL_HALF) != 0u;
-    uint index = normal_offset + at.y * normal_row + at.x * normal_pixel;
-    return vec3(
-        plane_sample(normal, index, half_floats),
-        plane_sample(normal, index + normal_channel, half_floats),
-        plane_sample(normal, index + 2u * normal_channel, half_floats));
+    return plane_samples(normal_plane, at);
 #endif
 }
 
@@ -84,17 +60,17 @@ void main() {
     uvec2 at = uvec2(reflect_index(to.x, width), reflect_index(to.y, height));
 
     vec3 a = vec3(0.0);
-    if ((flags & FLAG_ALBEDO) != 0u) {
+    if (is_present(albedo_plane.format)) {
         a = read_albedo(at);
         a = vec3(unit_or(a.x, 0.0), unit_or(a.y, 0.0), unit_or(a.z, 0.0));
     }
     vec3 n = vec3(0.5);
-    if ((flags & FLAG_NORMAL) != 0u) {
+    if (is_present(normal_plane.format)) {
         n = read_normal(at) * 0.5 + 0.5;
         n = vec3(unit_or(n.x, 0.5), unit_or(n.y, 0.5), unit_or(n.z, 0.5));
     }
     float d = 0.0;
-    if ((flags & FLAG_DEPTH) != 0u) d = min(read_depth(at) / depth_scale.v[0], 1.0);
+    if (is_present(depth_plane.format)) d = min(read_depth(at) / depth_scale.v[0], 1.0);
     uint index = (to.y * dst_width + to.x) * 2u;
     STORE(dst, index, vec4(a, n.x));
     STORE(dst, index + 1u, vec4(n.yz, d, 0.0));

@@ -2,7 +2,7 @@
 
 use crate::error::{Error, Result};
 use crate::frame::{Extent, Layout, Noise};
-use crate::kernels::PlaneArgs;
+use crate::kernels::planes::{Format, PlaneArgs, Planes, Role};
 use crate::vk::device::Device;
 use ash::vk;
 
@@ -20,6 +20,13 @@ impl SampleFormat {
         match self {
             Self::F32 => 4,
             Self::F16 => 2,
+        }
+    }
+
+    fn as_read(self) -> Format {
+        match self {
+            Self::F32 => Format::F32,
+            Self::F16 => Format::F16,
         }
     }
 }
@@ -111,6 +118,32 @@ impl BufferFrame {
     pub fn new(color: BufferPlane, output: BufferPlane) -> Self {
         Self { color, albedo: None, normal: None, depth: None, noise: None, output }
     }
+
+    fn plane(&self, role: Role) -> Option<&BufferPlane> {
+        match role {
+            Role::Color => Some(&self.color),
+            Role::Albedo => self.albedo.as_ref(),
+            Role::Normal => self.normal.as_ref(),
+            Role::Depth => self.depth.as_ref(),
+            Role::Noise => self.noise.as_ref().map(|noise| &noise.plane),
+            Role::Output => Some(&self.output),
+        }
+    }
+
+    /// Checks the planes and finds their addresses.
+    ///
+    /// # Safety
+    /// The buffers must be as their fields say.
+    pub(crate) unsafe fn resolve(&self, device: &Device, extent: Extent) -> Result<Planes> {
+        let mut planes = Planes::default();
+        for role in Role::ALL {
+            let Some(plane) = self.plane(role) else { continue };
+            // SAFETY: the caller vouches for the buffers.
+            planes[role] = unsafe { plane.resolve(device, role.name(), extent, role.channels())? };
+        }
+        self.noise.iter().for_each(|noise| planes.tell_noise(noise.kind));
+        Ok(planes)
+    }
 }
 
 /// Format of an image.
@@ -191,28 +224,53 @@ impl BufferPlane {
             offset: ((first - address) / bytes) as u32,
             pixel: self.layout.pixel_stride as u32,
             row: self.layout.row_stride as u32,
-            channel: self.layout.channel_stride as u32,
-            half: self.format == SampleFormat::F16,
-            present: true,
+            channel: if channels == 1 { 0 } else { self.layout.channel_stride as u32 },
+            format: self.format.as_read(),
+            unused: 0,
         })
     }
 }
 
+impl ImageFormat {
+    /// What a plane's image can be of.
+    fn choices(role: Role) -> &'static [Self] {
+        match role {
+            Role::Color | Role::Albedo | Role::Normal | Role::Output => &[Self::Rgba16F, Self::Rgba32F],
+            Role::Depth | Role::Noise => &[Self::R32F],
+        }
+    }
+
+    fn as_read(self) -> Format {
+        match self {
+            Self::Rgba16F => Format::F16,
+            Self::Rgba32F | Self::R32F => Format::F32,
+        }
+    }
+}
+
 impl ImageFrame {
-    /// Checks formats, sizes and layouts.
-    pub(crate) fn check(&self, extent: Extent) -> Result<()> {
-        let rgba: &[ImageFormat] = &[ImageFormat::Rgba16F, ImageFormat::Rgba32F];
-        let sampled: &[vk::ImageLayout] = &[vk::ImageLayout::GENERAL, vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL];
-        let planes = [
-            ("colour", Some(&self.color), rgba, sampled),
-            ("albedo", self.albedo.as_ref(), rgba, sampled),
-            ("normal", self.normal.as_ref(), rgba, sampled),
-            ("depth", self.depth.as_ref(), &[ImageFormat::R32F], sampled),
-            ("noise", self.noise.as_ref().map(|noise| &noise.plane), &[ImageFormat::R32F], sampled),
-            ("output", Some(&self.output), rgba, &[vk::ImageLayout::GENERAL]),
-        ];
-        for (name, plane, formats, layouts) in planes {
-            let Some(plane) = plane else { continue };
+    /// The image of a plane.
+    pub(crate) fn plane(&self, role: Role) -> Option<&ImagePlane> {
+        match role {
+            Role::Color => Some(&self.color),
+            Role::Albedo => self.albedo.as_ref(),
+            Role::Normal => self.normal.as_ref(),
+            Role::Depth => self.depth.as_ref(),
+            Role::Noise => self.noise.as_ref().map(|noise| &noise.plane),
+            Role::Output => Some(&self.output),
+        }
+    }
+
+    /// Checks formats, sizes and layouts, and gives the rows of the planes.
+    pub(crate) fn resolve(&self, extent: Extent) -> Result<Planes> {
+        let mut planes = Planes::default();
+        for role in Role::ALL {
+            let Some(plane) = self.plane(role) else { continue };
+            let (name, formats) = (role.name(), ImageFormat::choices(role));
+            let layouts: &[vk::ImageLayout] = match role {
+                Role::Output => &[vk::ImageLayout::GENERAL],
+                _ => &[vk::ImageLayout::GENERAL, vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL],
+            };
             if plane.extent != extent {
                 let (has, wants) = (plane.extent, extent);
                 return Err(Error::PlaneMismatch {
@@ -232,10 +290,12 @@ impl ImageFrame {
                     plane.layout
                 )));
             }
+            planes[role].format = plane.format.as_read();
         }
         if self.color.view == self.output.view {
             return Err(Error::Binding("colour and output must be two images".into()));
         }
-        Ok(())
+        self.noise.iter().for_each(|noise| planes.tell_noise(noise.kind));
+        Ok(planes)
     }
 }

@@ -6,8 +6,8 @@
 
 use crate::error::{Error, Result};
 use crate::frame::{Extent, Plane, PlaneMut};
-use crate::kernels::signals::SignalArgs;
 pub use crate::kernels::signals::SignalKind;
+use crate::kernels::signals::SignalRows;
 use crate::net::Arch;
 use crate::renderer::BufferPlane;
 use crate::vk::device::Device;
@@ -51,7 +51,7 @@ impl BufferSignal {
     ///
     /// # Safety
     /// The buffers must be as their fields say.
-    pub(crate) unsafe fn resolve(&self, device: &Device, extent: Extent, output_half: bool) -> Result<SignalArgs> {
+    pub(crate) unsafe fn resolve(&self, device: &Device, extent: Extent, output_half: bool) -> Result<SignalRows> {
         self.kind.check(self.channels)?;
         let channels = self.channels as usize;
         // SAFETY: the caller vouches for the buffers.
@@ -59,11 +59,11 @@ impl BufferSignal {
             let plane = self.plane.resolve(device, "signal", extent, channels)?;
             (plane, self.output.resolve(device, "signal's output", extent, channels)?)
         };
-        if output.half != output_half {
+        if output.format.is_half() != output_half {
             let reason = "a signal's output has samples of another type than the frame's output; give both the same";
             return Err(Error::Binding(reason.into()));
         }
-        Ok(SignalArgs { kind: self.kind, channels: self.channels, plane, output })
+        Ok(SignalRows { kind: self.kind, channels: self.channels, plane, output })
     }
 }
 
