@@ -35,16 +35,33 @@ vec3 read_albedo(uvec2 at) {
 #ifdef IMAGES
     return texelFetch(albedo_image, ivec2(at), 0).rgb;
 #else
-    return plane_samples(albedo_plane, at);
+    uint index = plane_index(albedo_plane, at);
+    return vec3(any_sample(albedo_plane, index, 0u), any_sample(albedo_plane, index, 1u), any_sample(albedo_plane, index, 2u));
 #endif
 }
 
+// A point of the octahedron's map (Cigolle et al., "A Survey of Efficient Representations for Independent Unit
+// Vectors", 2014).
+vec3 of_octahedron(vec2 e) {
+    vec3 n = vec3(e, 1.0 - abs(e.x) - abs(e.y));
+    if (n.z < 0.0) n.xy = (1.0 - abs(n.yx)) * mix(vec2(-1.0), vec2(1.0), greaterThanEqual(n.xy, vec2(0.0)));
+    return normalize(n);
+}
+
 vec3 read_normal(uvec2 at) {
+    uint format = normal_plane.format;
+    bool octahedral = (format & FORMAT_OCTAHEDRAL) != 0u;
 #ifdef IMAGES
-    return texelFetch(normal_image, ivec2(at), 0).rgb;
+    vec3 n = texelFetch(normal_image, ivec2(at), 0).rgb;
+    if (octahedral) n.z = 0.0;
 #else
-    return plane_samples(normal_plane, at);
+    uint index = plane_index(normal_plane, at);
+    vec3 n = vec3(any_sample(normal_plane, index, 0u), any_sample(normal_plane, index, 1u), 0.0);
+    if (!octahedral) n.z = any_sample(normal_plane, index, 2u);
 #endif
+    // Zeros are no normal, also where they are stored.
+    if ((format & FORMAT_HALVED) != 0u && (octahedral || n != vec3(0.0))) n = n * 2.0 - 1.0;
+    return octahedral ? of_octahedron(n.xy) : n;
 }
 
 // Finite values clamped to [0, 1]; others, as if missing, `otherwise`.

@@ -52,7 +52,7 @@ float read_noise(uvec2 at) {
 #ifdef IMAGES
     return texelFetch(noise_image, ivec2(at), 0).r;
 #else
-    return plane_sample(noise_plane, plane_index(noise_plane, at));
+    return float_sample(noise_plane, plane_index(noise_plane, at));
 #endif
 }
 

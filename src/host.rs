@@ -2,6 +2,7 @@
 
 use crate::engine::Engine;
 use crate::error::{Error, Result};
+use crate::formats::SampleFormat;
 use crate::frame::{Extent, Features, Frame, Layout, NoiseKind, Plane, PlaneMut, Region};
 use crate::host_signals::SignalPlanes;
 use crate::kernels::planes::Planes;
@@ -13,7 +14,7 @@ use crate::plan::active::{ActiveTiles, Work};
 use crate::plan::{Dispatch, Plan};
 use crate::profile::{KernelRecord, Profiler};
 use crate::progress::{self, Pieces, Progress};
-use crate::renderer::{BufferPlane, SampleFormat};
+use crate::renderer::BufferPlane;
 use crate::role::Role;
 use crate::signals::{Signal, SignalKind};
 use crate::vk::caps::DeviceKind;
@@ -28,15 +29,15 @@ use std::time::Instant;
 /// Which planes a frame has beside its colour: the features, and what it says of its noise.
 type Present = ([bool; Role::FEATURES.len()], Option<NoiseKind>);
 /// A frame's planes, and what signals come with it: kind and channels.
-type Planes = (Present, Vec<(SignalKind, u32)>);
+type Staged = (Present, Vec<(SignalKind, u32)>);
 
 /// A pass with its staging memory and its recording.
 pub(crate) struct HostPass {
     // Fields drop in this order: the recording before what it uses.
     submission: Submission,
-    binding: Option<(Planes, Binding)>,
+    binding: Option<(Staged, Binding)>,
     /// What the command buffer holds now; it is recorded again only when this changes.
-    recorded: Option<(Planes, FrameOptions, bool)>,
+    recorded: Option<(Staged, FrameOptions, bool)>,
     /// The work of the last recording.
     work: Option<Work>,
     /// How the pass is cut where the caller watches.
@@ -234,7 +235,7 @@ impl HostPass {
     /// ends it there. The binding is kept. Returns the device's milliseconds where it has timestamps.
     fn run_pieces(
         &mut self,
-        (planes, bound): (Planes, Binding),
+        (planes, bound): (Staged, Binding),
         commands: &Commands,
         options: &FrameOptions,
         profile: bool,
@@ -329,7 +330,7 @@ impl HostPass {
     }
 
     /// The planes of the next recording: those bound last, if they are the same.
-    fn bound(&mut self, planes: &Planes) -> Result<Binding> {
+    fn bound(&mut self, planes: &Staged) -> Result<Binding> {
         self.recorded = None;
         match self.binding.take() {
             Some((had, binding)) if had == *planes => Ok(binding),
@@ -342,7 +343,7 @@ impl HostPass {
         Ok(Commands { dispatches: self.pass.dispatches(bound, options)?.into_owned(), uploads: Vec::new() })
     }
 
-    fn record(&mut self, planes: &Planes, options: &FrameOptions, profile: bool) -> Result<()> {
+    fn record(&mut self, planes: &Staged, options: &FrameOptions, profile: bool) -> Result<()> {
         let bound = self.bound(planes)?;
         let commands = self.commands(&bound, options)?;
         self.work = Some(Work::of(&commands.dispatches));

@@ -81,6 +81,7 @@ mod engine;
 mod error;
 #[cfg(feature = "exr")]
 pub mod exr_io;
+mod formats;
 mod frame_statistics;
 mod host;
 mod host_signals;
@@ -104,6 +105,7 @@ mod tiling;
 pub use ash;
 pub use denoiser::Denoiser;
 pub use error::{Error, Result};
+pub use formats::{DepthEncoding, ImageFormat, NormalEncoding, SampleFormat};
 pub use frame::{Extent, Features, Frame, Layout, Noise, NoiseKind, Plane, PlaneMut, Region, Samples, SamplesMut};
 /// 16-bit floats, in the version that [`Samples`] names.
 pub use half;
@@ -116,9 +118,7 @@ pub use plan::active::{ActiveTiles, Part};
 pub use profile::{KernelRecord, Profiler};
 pub use progress::Progress;
 pub use quality::Quality;
-pub use renderer::{
-    BufferAddress, BufferFrame, BufferPlane, FrameStatistics, ImageFormat, ImageFrame, ImagePlane, SampleFormat,
-};
+pub use renderer::{BufferAddress, BufferFrame, BufferPlane, FrameStatistics, ImageFrame, ImagePlane};
 pub use signals::{BufferSignal, Signal, SignalKind};
 pub use vk::cache::Cache;
 pub use vk::caps::{DeviceInfo, DeviceKind, Requirements};

@@ -1,37 +1,14 @@
 //! What a renderer hands in: its buffers or its images.
 
 use crate::error::{Error, Result};
+use crate::formats::{DepthEncoding, ImageFormat, NormalEncoding, SampleFormat};
 use crate::frame::{Extent, Layout, Noise};
-use crate::kernels::planes::{Format, PlaneArgs, Planes, Role};
+use crate::kernels::planes::{PlaneArgs, Planes, Role};
 use crate::vk::device::Device;
 use ash::vk;
 
-/// Sample format of a plane in a buffer.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum SampleFormat {
-    /// 32-bit floats.
-    F32,
-    /// 16-bit floats. Writing them needs `storageBuffer16BitAccess`.
-    F16,
-}
-
-impl SampleFormat {
-    fn bytes(self) -> u64 {
-        match self {
-            Self::F32 => 4,
-            Self::F16 => 2,
-        }
-    }
-
-    fn as_read(self) -> Format {
-        match self {
-            Self::F32 => Format::F32,
-            Self::F16 => Format::F16,
-        }
-    }
-}
-
-/// A plane in a `VkBuffer`: three channels (colour, albedo, normal, output) or one (depth, noise).
+/// A plane in a `VkBuffer`: three channels (colour, albedo, normal, output), two (octahedral normals) or one (depth,
+/// noise).
 #[derive(Clone, Copy, Debug)]
 pub struct BufferPlane {
     /// The buffer, created with `VK_BUFFER_USAGE_SHADER_DEVICE_ADDRESS_BIT` and `VK_BUFFER_USAGE_STORAGE_BUFFER_BIT`
@@ -39,7 +16,7 @@ pub struct BufferPlane {
     pub buffer: vk::Buffer,
     /// Size of the buffer in bytes.
     pub size: u64,
-    /// Sample format.
+    /// Sample format, one of those that its variants name for the plane.
     pub format: SampleFormat,
     /// Where the samples lie, counted in samples from the start of the buffer.
     pub layout: Layout,
@@ -105,8 +82,12 @@ pub struct BufferFrame {
     pub albedo: Option<BufferPlane>,
     /// Shading normal.
     pub normal: Option<BufferPlane>,
+    /// How its samples tell it.
+    pub normal_encoding: NormalEncoding,
     /// Depth.
     pub depth: Option<BufferPlane>,
+    /// How its samples tell it.
+    pub depth_encoding: DepthEncoding,
     /// The colour's noise ([`Features::noise`](crate::Features::noise)).
     pub noise: Option<Noise<BufferPlane>>,
     /// Where the denoised colour goes.
@@ -116,7 +97,9 @@ pub struct BufferFrame {
 impl BufferFrame {
     /// A frame of colour alone; its other fields say what else there is.
     pub fn new(color: BufferPlane, output: BufferPlane) -> Self {
-        Self { color, albedo: None, normal: None, depth: None, noise: None, output }
+        let (normal_encoding, depth_encoding) = Default::default();
+        let (albedo, normal, depth, noise) = (None, None, None, None);
+        Self { color, albedo, normal, normal_encoding, depth, depth_encoding, noise, output }
     }
 
     fn plane(&self, role: Role) -> Option<&BufferPlane> {
@@ -138,23 +121,24 @@ impl BufferFrame {
         let mut planes = Planes::default();
         for role in Role::ALL {
             let Some(plane) = self.plane(role) else { continue };
+            let formats = SampleFormat::choices(role);
+            if !formats.contains(&plane.format) {
+                let (name, has) = (role.name(), plane.format);
+                return Err(Error::Binding(format!("the {name} plane's samples are {has:?}; they can be {formats:?}")));
+            }
+            let channels = if role == Role::Normal { self.normal_encoding.channels() } else { role.channels() };
             // SAFETY: the caller vouches for the buffers.
-            planes[role] = unsafe { plane.resolve(device, role.name(), extent, role.channels())? };
+            let mut row = unsafe { plane.resolve(device, role.name(), extent, channels)? };
+            match role {
+                Role::Normal => self.normal_encoding.tell(&mut row),
+                Role::Depth => self.depth_encoding.tell(false, &mut row)?,
+                _ => {}
+            }
+            planes[role] = row;
         }
         self.noise.iter().for_each(|noise| planes.tell_noise(noise.kind));
         Ok(planes)
     }
-}
-
-/// Format of an image.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ImageFormat {
-    /// `VK_FORMAT_R16G16B16A16_SFLOAT`: colour, albedo, normal, output.
-    Rgba16F,
-    /// `VK_FORMAT_R32G32B32A32_SFLOAT`: colour, albedo, normal, output.
-    Rgba32F,
-    /// `VK_FORMAT_R32_SFLOAT`: depth, noise.
-    R32F,
 }
 
 /// A two-dimensional image.
@@ -163,12 +147,12 @@ pub struct ImagePlane {
     /// A view of one 2D level. Inputs need the usage `VK_IMAGE_USAGE_SAMPLED_BIT`, the output
     /// `VK_IMAGE_USAGE_STORAGE_BIT`.
     pub view: vk::ImageView,
-    /// Its format.
+    /// Its format, one of those that its variants name for the plane.
     pub format: ImageFormat,
     /// Its size in pixels.
     pub extent: Extent,
-    /// The layout it will be in when the commands run: `GENERAL` or `SHADER_READ_ONLY_OPTIMAL` for inputs, `GENERAL`
-    /// for the output.
+    /// The layout it will be in when the commands run: `GENERAL` or `SHADER_READ_ONLY_OPTIMAL` for inputs, of depth
+    /// buffers also `DEPTH_STENCIL_READ_ONLY_OPTIMAL` or `DEPTH_READ_ONLY_OPTIMAL`; `GENERAL` for the output.
     pub layout: vk::ImageLayout,
 }
 
@@ -182,8 +166,12 @@ pub struct ImageFrame {
     pub albedo: Option<ImagePlane>,
     /// Shading normal.
     pub normal: Option<ImagePlane>,
+    /// How its samples tell it.
+    pub normal_encoding: NormalEncoding,
     /// Depth.
     pub depth: Option<ImagePlane>,
+    /// How its samples tell it.
+    pub depth_encoding: DepthEncoding,
     /// The colour's noise ([`Features::noise`](crate::Features::noise)).
     pub noise: Option<Noise<ImagePlane>>,
     /// Where the denoised colour goes.
@@ -193,7 +181,9 @@ pub struct ImageFrame {
 impl ImageFrame {
     /// A frame of colour alone; its other fields say what else there is.
     pub fn new(color: ImagePlane, output: ImagePlane) -> Self {
-        Self { color, albedo: None, normal: None, depth: None, noise: None, output }
+        let (normal_encoding, depth_encoding) = Default::default();
+        let (albedo, normal, depth, noise) = (None, None, None, None);
+        Self { color, albedo, normal, normal_encoding, depth, depth_encoding, noise, output }
     }
 }
 
@@ -210,6 +200,8 @@ impl BufferPlane {
         channels: usize,
     ) -> Result<PlaneArgs> {
         let bytes = self.format.bytes();
+        // All channels are in one sample then.
+        let channels = if self.format.is_packed() { 1 } else { channels };
         self.layout.check(name, extent, channels, self.size / bytes)?;
         // The shader counts from the first sample in 32 bits.
         let from_first = Layout { offset: 0, ..self.layout };
@@ -226,25 +218,8 @@ impl BufferPlane {
             row: self.layout.row_stride as u32,
             channel: if channels == 1 { 0 } else { self.layout.channel_stride as u32 },
             format: self.format.as_read(),
-            unused: 0,
+            ..PlaneArgs::default()
         })
-    }
-}
-
-impl ImageFormat {
-    /// What a plane's image can be of.
-    fn choices(role: Role) -> &'static [Self] {
-        match role {
-            Role::Color | Role::Albedo | Role::Normal | Role::Output => &[Self::Rgba16F, Self::Rgba32F],
-            Role::Depth | Role::Noise => &[Self::R32F],
-        }
-    }
-
-    fn as_read(self) -> Format {
-        match self {
-            Self::Rgba16F => Format::F16,
-            Self::Rgba32F | Self::R32F => Format::F32,
-        }
     }
 }
 
@@ -269,6 +244,12 @@ impl ImageFrame {
             let (name, formats) = (role.name(), ImageFormat::choices(role));
             let layouts: &[vk::ImageLayout] = match role {
                 Role::Output => &[vk::ImageLayout::GENERAL],
+                Role::Depth if plane.format.is_depth() => &[
+                    vk::ImageLayout::GENERAL,
+                    vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL,
+                    vk::ImageLayout::DEPTH_STENCIL_READ_ONLY_OPTIMAL,
+                    vk::ImageLayout::DEPTH_READ_ONLY_OPTIMAL,
+                ],
                 _ => &[vk::ImageLayout::GENERAL, vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL],
             };
             if plane.extent != extent {
@@ -290,7 +271,16 @@ impl ImageFrame {
                     plane.layout
                 )));
             }
-            planes[role].format = plane.format.as_read();
+            let row = &mut planes[role];
+            row.format = plane.format.as_read();
+            match role {
+                Role::Normal => {
+                    self.normal_encoding.check(plane.format)?;
+                    self.normal_encoding.tell(row);
+                }
+                Role::Depth => self.depth_encoding.tell(plane.format.is_depth(), row)?,
+                _ => {}
+            }
         }
         if self.color.view == self.output.view {
             return Err(Error::Binding("colour and output must be two images".into()));

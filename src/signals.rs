@@ -5,6 +5,7 @@
 //! and the denoiser be made with [`Options::signals`](crate::Options::signals). `docs/signals.md` has the rules.
 
 use crate::error::{Error, Result};
+use crate::formats::SampleFormat;
 use crate::frame::{Extent, Plane, PlaneMut};
 pub use crate::kernels::signals::SignalKind;
 use crate::kernels::signals::SignalRows;
@@ -54,6 +55,11 @@ impl BufferSignal {
     pub(crate) unsafe fn resolve(&self, device: &Device, extent: Extent, output_half: bool) -> Result<SignalRows> {
         self.kind.check(self.channels)?;
         let channels = self.channels as usize;
+        let floats = [SampleFormat::F32, SampleFormat::F16];
+        if let Some(other) = [&self.plane, &self.output].into_iter().find(|plane| !floats.contains(&plane.format)) {
+            let reason = format!("a signal's samples are {:?}; they can be {floats:?}", other.format);
+            return Err(Error::Binding(reason));
+        }
         // SAFETY: the caller vouches for the buffers.
         let (plane, output) = unsafe {
             let plane = self.plane.resolve(device, "signal", extent, channels)?;

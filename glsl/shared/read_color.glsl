@@ -8,6 +8,6 @@ vec3 read_color(uvec2 at) {
 #ifdef IMAGES
     return texelFetch(color_image, ivec2(at), 0).rgb;
 #else
-    return plane_samples(color_plane, at);
+    return float_samples(color_plane, at);
 #endif
 }

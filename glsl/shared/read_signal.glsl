@@ -2,5 +2,5 @@
 Plane signal_plane = signal.plane;
 
 vec3 read_signal(uvec2 at) {
-    return plane_samples(signal_plane, at);
+    return float_samples(signal_plane, at);
 }
