@@ -51,6 +51,7 @@
 //! | choices | [`Options`] for a [`Denoiser`], [`FrameOptions`] for each frame; [`Exposure`], [`Fireflies`], [`Precision`], [`Quiet`] |
 //! | frames in memory | [`Denoiser::denoise`] of a [`Frame`] of [`Plane`]s with a [`Layout`] each; [`Denoiser::denoise_with`] for [`Signal`]s beside it, [`Progress`] and cancelling; a [`Report`] comes back |
 //! | frames on the GPU | [`Denoiser::pass`], then [`Pass::bind_buffers`] of a [`BufferFrame`] or [`Pass::bind_images`] of an [`ImageFrame`], then [`Pass::record`] every frame |
+//! | what planes hold | [`SampleFormat`] in buffers, [`ImageFormat`]; [`NormalEncoding`], [`DepthEncoding`] |
 //! | memory, times | [`Denoiser::memory_required`]; [`Pass::profiler`] and [`Pass::record_profiled`] |
 //! | EXR files, metrics | the modules below |
 //!

@@ -152,8 +152,9 @@ impl Pass {
     /// Resolves a frame in the renderer's buffers. Not for the frame's hot path: it may compile kernels.
     ///
     /// # Errors
-    /// [`Error::PlaneMismatch`]; [`Error::Unsupported`] where the output's samples are halves and the device cannot
-    /// write them; [`Error::Vulkan`].
+    /// [`Error::PlaneMismatch`]; [`Error::Binding`] for a format that the plane cannot have, [`Error::InvalidOption`] for
+    /// an encoding of depths that it cannot; [`Error::Unsupported`] where the output's samples are halves and the device
+    /// cannot write them; [`Error::OutOfMemory`], [`Error::Vulkan`].
     ///
     /// # Safety
     /// The buffers are valid, as their fields say, and belong to the device.
@@ -195,7 +196,8 @@ impl Pass {
     /// descriptor sets, which are never updated afterwards.
     ///
     /// # Errors
-    /// [`Error::PlaneMismatch`], [`Error::Binding`], [`Error::Vulkan`].
+    /// [`Error::PlaneMismatch`]; [`Error::Binding`], [`Error::InvalidOption`] as of buffers; [`Error::OutOfMemory`],
+    /// [`Error::Vulkan`].
     ///
     /// # Safety
     /// The views are valid, as their fields say, belong to the device, and live as long as the binding.

@@ -203,9 +203,9 @@ impl BufferPlane {
         // All channels are in one sample then.
         let channels = if self.format.is_packed() { 1 } else { channels };
         self.layout.check(name, extent, channels, self.size / bytes)?;
-        // The shader counts from the first sample in 32 bits.
+        // The shader counts in 32 bits, from the first sample or one of the three before it in its word.
         let from_first = Layout { offset: 0, ..self.layout };
-        from_first.check(name, extent, channels, u64::from(u32::MAX))?;
+        from_first.check(name, extent, channels, u64::from(u32::MAX - 3))?;
         // SAFETY: the caller vouches for the buffer.
         let base = unsafe { address(device, self.buffer) };
         let first = base + self.layout.offset as u64 * bytes;

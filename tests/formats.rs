@@ -186,7 +186,14 @@ fn pixels(format: SampleFormat, channels: usize, seed: u64) -> (Vec<u8>, Vec<Vec
     let mut values = Vec::new();
     for _ in 0..PIXELS {
         let mut pixel = Vec::new();
+        // The first pixel is of zeros.
+        let zeros = values.is_empty();
         for (sample, numbers) in (0..samples).map(|_| sample(format, &mut random)) {
+            if zeros {
+                bytes.extend(vec![0; sample.len()]);
+                pixel.extend(vec![0.0; numbers.len()]);
+                continue;
+            }
             bytes.extend(sample);
             pixel.extend(numbers);
         }
