@@ -11,64 +11,57 @@ layout(local_size_x = 64) in;
 layout(set = 0, binding = 0) uniform texture2D albedo_image;
 layout(set = 0, binding = 1) uniform texture2D normal_image;
 layout(set = 0, binding = 2) uniform texture2D depth_image;
-#define PLANE Uints
-#else
-#define PLANE Plane
 #endif
 
 layout(push_constant) uniform Push {
-    PLANE albedo;
-    PLANE normal;
-    PLANE depth;
+    Planes planes;
     ReadFloats depth_scale;
     Target dst;
     TileList tiles;       // with FLAG_TILE_LIST
-    uint albedo_offset;
-    uint albedo_pixel;
-    uint albedo_row;
-    uint albedo_channel;
-    uint normal_offset;
-    uint normal_pixel;
-    uint normal_row;
-    uint normal_channel;
-    uint depth_offset;
-    uint depth_pixel;
-    uint depth_row;
     uint width;
     uint height;
     uint dst_width;
     uint first_tile;      // x | y << 16, in half tiles
     uint tile_count;
     uint flags;
-    uint unused;
 };
 
 #include "shared/read_depth.glsl"
+
+Plane albedo_plane = planes.albedo;
+Plane normal_plane = planes.normal;
 
 vec3 read_albedo(uvec2 at) {
 #ifdef IMAGES
     return texelFetch(albedo_image, ivec2(at), 0).rgb;
 #else
-    bool half_floats = (flags & FLAG_ALBEDO_HALF) != 0u;
-    uint index = albedo_offset + at.y * albedo_row + at.x * albedo_pixel;
-    return vec3(
-        plane_sample(albedo, index, half_floats),
-        plane_sample(albedo, index + albedo_channel, half_floats),
-        plane_sample(albedo, index + 2u * albedo_channel, half_floats));
+    uint index = plane_index(albedo_plane, at);
+    return vec3(any_sample(albedo_plane, index, 0u), any_sample(albedo_plane, index, 1u), any_sample(albedo_plane, index, 2u));
 #endif
 }
 
+// A point of the octahedron's map (Cigolle et al., "A Survey of Efficient Representations for Independent Unit
+// Vectors", 2014).
+vec3 of_octahedron(vec2 e) {
+    vec3 n = vec3(e, 1.0 - abs(e.x) - abs(e.y));
+    if (n.z < 0.0) n.xy = (1.0 - abs(n.yx)) * mix(vec2(-1.0), vec2(1.0), greaterThanEqual(n.xy, vec2(0.0)));
+    return normalize(n);
+}
+
 vec3 read_normal(uvec2 at) {
+    uint format = normal_plane.format;
+    bool octahedral = (format & FORMAT_OCTAHEDRAL) != 0u;
 #ifdef IMAGES
-    return texelFetch(normal_image, ivec2(at), 0).rgb;
+    vec3 n = texelFetch(normal_image, ivec2(at), 0).rgb;
+    if (octahedral) n.z = 0.0;
 #else
-    bool half_floats = (flags & FLAG_NORMAL_HALF) != 0u;
-    uint index = normal_offset + at.y * normal_row + at.x * normal_pixel;
-    return vec3(
-        plane_sample(normal, index, half_floats),
-        plane_sample(normal, index + normal_channel, half_floats),
-        plane_sample(normal, index + 2u * normal_channel, half_floats));
+    uint index = plane_index(normal_plane, at);
+    vec3 n = vec3(any_sample(normal_plane, index, 0u), any_sample(normal_plane, index, 1u), 0.0);
+    if (!octahedral) n.z = any_sample(normal_plane, index, 2u);
 #endif
+    // Zeros are no normal, also where they are stored.
+    if ((format & FORMAT_HALVED) != 0u && (octahedral || n != vec3(0.0))) n = n * 2.0 - 1.0;
+    return octahedral ? of_octahedron(n.xy) : n;
 }
 
 // Finite values clamped to [0, 1]; others, as if missing, `otherwise`.
@@ -84,17 +77,17 @@ void main() {
     uvec2 at = uvec2(reflect_index(to.x, width), reflect_index(to.y, height));
 
     vec3 a = vec3(0.0);
-    if ((flags & FLAG_ALBEDO) != 0u) {
+    if (is_present(albedo_plane.format)) {
         a = read_albedo(at);
         a = vec3(unit_or(a.x, 0.0), unit_or(a.y, 0.0), unit_or(a.z, 0.0));
     }
     vec3 n = vec3(0.5);
-    if ((flags & FLAG_NORMAL) != 0u) {
+    if (is_present(normal_plane.format)) {
         n = read_normal(at) * 0.5 + 0.5;
         n = vec3(unit_or(n.x, 0.5), unit_or(n.y, 0.5), unit_or(n.z, 0.5));
     }
     float d = 0.0;
-    if ((flags & FLAG_DEPTH) != 0u) d = min(read_depth(at) / depth_scale.v[0], 1.0);
+    if (is_present(depth_plane.format)) d = min(read_depth(at) / depth_scale.v[0], 1.0);
     uint index = (to.y * dst_width + to.x) * 2u;
     STORE(dst, index, vec4(a, n.x));
     STORE(dst, index + 1u, vec4(n.yz, d, 0.0));

@@ -13,21 +13,14 @@ layout(local_size_x = 64) in;
 
 #ifdef IMAGES
 layout(set = 0, binding = 0) uniform texture2D color_image;
-#define PLANE Uints
-#else
-#define PLANE Plane
 #endif
 
 layout(push_constant) uniform Push {
-    PLANE color;
+    Planes planes;
     Stats stats;
     Uints tile_stats;
     Target dst;
     TileList tiles;       // with FLAG_TILE_LIST
-    uint color_offset;
-    uint color_pixel;
-    uint color_row;
-    uint color_channel;
     uint width;
     uint height;
     uint tiles_x;

@@ -19,28 +19,17 @@ layout(local_size_x = 64) in;
 
 #ifdef IMAGES
 layout(set = 0, binding = 0) uniform texture2D color_image;
-#define COLOR Uints
-#else
-#define COLOR Plane
 #endif
-layout(buffer_reference, std430, buffer_reference_align = 4) readonly buffer SignalPlane { uint v[]; };
 
 layout(push_constant) uniform Push {
-    COLOR color;
+    Planes planes;
     Stats stats;
     Uints tile_stats;
-    SignalPlane signal;
+    SignalPlanes signal;
     Weights taps;         // the colour's
     Source albedo;
     Target dst;
     TileList tiles;       // with FLAG_TILE_LIST
-    uint color_offset;
-    uint color_pixel;
-    uint color_row;
-    uint color_channel;
-    uint signal_pixel;
-    uint signal_row;
-    uint signal_channel;
     uint width;
     uint height;
     uint dst_width;
@@ -49,7 +38,6 @@ layout(push_constant) uniform Push {
     uint tile_count;
     uint flags;
     float blend;
-    uint unused;
 };
 
 #define tiles_x ((width + 7u) / 8u)

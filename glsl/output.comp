@@ -6,51 +6,24 @@
 #include "shared/tiles.glsl"
 #include "shared/stats.glsl"
 #include "shared/log_exp.glsl"
+#include "shared/target_plane.glsl"
 #include "shared/planes.glsl"
 #include "shared/quiet.glsl"
-#ifdef TARGET_F16
-#extension GL_EXT_shader_16bit_storage : require
-#extension GL_EXT_shader_explicit_arithmetic_types_float16 : require
-#endif
 
 layout(local_size_x = 64) in;
 
 #ifdef IMAGES
 layout(set = 0, binding = 0) uniform texture2D color_image;
 layout(set = 0, binding = 1, TARGET_FORMAT) uniform writeonly image2D dst_image;
-#define PLANE Uints
-#define COLOR Uints
-#elif defined(TARGET_F16)
-layout(buffer_reference, std430, buffer_reference_align = 2) writeonly buffer HalfPlane { float16_t v[]; };
-#define PLANE HalfPlane
-#define TARGET_MAX 65504.0
-#else
-layout(buffer_reference, std430, buffer_reference_align = 4) writeonly buffer FloatPlane { float v[]; };
-#define PLANE FloatPlane
-#endif
-#ifndef TARGET_MAX
-#define TARGET_MAX 3.402823466e38
-#endif
-#ifndef COLOR
-#define COLOR Plane
 #endif
 
 layout(push_constant) uniform Push {
     Source residual;
     Source log_color;
     Stats stats;
-    PLANE dst;
+    Planes planes;
     TileList tiles;       // with FLAG_TILE_LIST
-    COLOR color;          // the caller's, with FLAG_QUIET
     Uints map;            // with FLAG_QUIET
-    uint dst_offset;      // in samples, like the strides
-    uint dst_pixel;
-    uint dst_row;
-    uint dst_channel;
-    uint color_offset;
-    uint color_pixel;
-    uint color_row;
-    uint color_channel;
     uint left;            // the pixels to write, ends excluded
     uint top;
     uint right;
@@ -124,11 +97,6 @@ void main() {
 #ifdef IMAGES
     imageStore(dst_image, ivec2(at), vec4(color, texelFetch(color_image, ivec2(at), 0).a));
 #else
-    uint index = dst_offset + at.y * dst_row + at.x * dst_pixel;
-#ifdef TARGET_F16
-    for (int i = 0; i < 3; ++i) dst.v[index + i * dst_channel] = float16_t(color[i]);
-#else
-    for (int i = 0; i < 3; ++i) dst.v[index + i * dst_channel] = color[i];
-#endif
+    store_target(planes.result, at, color, true);
 #endif
 }

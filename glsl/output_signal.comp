@@ -6,42 +6,21 @@
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"
 #include "shared/stats.glsl"
+#include "shared/target_plane.glsl"
 #include "shared/planes.glsl"
 #include "shared/quiet.glsl"
 #include "shared/signals.glsl"
-#ifdef TARGET_F16
-#extension GL_EXT_shader_16bit_storage : require
-#extension GL_EXT_shader_explicit_arithmetic_types_float16 : require
-#endif
 
 layout(local_size_x = 64) in;
-
-#ifdef TARGET_F16
-layout(buffer_reference, std430, buffer_reference_align = 2) writeonly buffer TargetPlane { float16_t v[]; };
-#define SAMPLE float16_t
-#define TARGET_MAX 65504.0
-#else
-layout(buffer_reference, std430, buffer_reference_align = 4) writeonly buffer TargetPlane { float v[]; };
-#define SAMPLE float
-#define TARGET_MAX MAX_FLOAT
-#endif
-layout(buffer_reference, std430, buffer_reference_align = 4) readonly buffer SignalPlane { uint v[]; };
 
 layout(push_constant) uniform Push {
     Weights filtered;
     Weights color;        // the colour's result
     Weights direct;       // what goes around the kernels, every second vector
     Stats stats;
-    TargetPlane dst;
-    SignalPlane signal;   // the caller's, with FLAG_QUIET
+    SignalPlanes signal;
     Uints map;            // with FLAG_QUIET
     TileList tiles;       // with FLAG_TILE_LIST
-    uint dst_pixel;       // in samples, like the other strides
-    uint dst_row;
-    uint dst_channel;
-    uint signal_pixel;
-    uint signal_row;
-    uint signal_channel;
     uint left;            // the pixels to write, ends excluded
     uint top;
     uint right;
@@ -92,9 +71,5 @@ void main() {
         result = quiet < 1.0 ? mix(result, own, quiet) : own;
     }
     if ((flags & FLAG_ALPHA) != 0u) result = clamp(result, 0.0, 1.0);
-    uint index = at.y * dst_row + at.x * dst_pixel;
-    dst.v[index] = SAMPLE(result.x);
-    if ((flags & FLAG_SIGNAL_ONE) != 0u) return;
-    dst.v[index + dst_channel] = SAMPLE(result.y);
-    dst.v[index + 2u * dst_channel] = SAMPLE(result.z);
+    store_target(signal.result, at, result, (flags & FLAG_SIGNAL_ONE) == 0u);
 }

@@ -2,6 +2,7 @@
 // four loads tell whether there is one in a rectangle. One workgroup.
 #version 460
 #include "shared/storage.glsl"
+#include "shared/planes.glsl"
 #include "shared/quiet.glsl"
 
 layout(local_size_x = 256) in;
@@ -13,6 +14,7 @@ layout(push_constant) uniform Push {
     ReadFloats src;       // relative noise
     Shared map;           // 1: to be denoised, 0: quiet
     Shared sums;          // (columns + 1) x (rows + 1)
+    Planes planes;
     uint columns;
     uint rows;
     uint left;            // the squares that are wanted, ends excluded
@@ -22,7 +24,7 @@ layout(push_constant) uniform Push {
     float threshold;
     uint real_columns;    // squares beyond these are as the nearest of these
     uint real_rows;
-    uint spread;          // whether the squares beside a noisy one are not quiet
+    uint unused;
 };
 
 bool is_noisy(uint x, uint y) {
@@ -31,10 +33,12 @@ bool is_noisy(uint x, uint y) {
 
 void main() {
     uint lane = gl_LocalInvocationID.x;
+    // Whether the squares beside a noisy one are not quiet.
+    bool spread = (planes.noise.format & FORMAT_COUNTS) == 0u;
     for (uint i = lane; i < columns * rows; i += 256u) {
         uvec2 at = min(uvec2(i % columns, i / columns), uvec2(real_columns, real_rows) - 1u);
         bool noisy = is_noisy(at.x, at.y);
-        if (spread != 0u) {
+        if (spread) {
             uvec2 first = max(at, uvec2(1u)) - 1u;
             uvec2 last = min(at + 1u, uvec2(columns, rows) - 1u);
             for (uint y = first.y; y <= last.y; ++y) {

@@ -1,4 +1,4 @@
-// A histogram of luminance (FLAG_COLOR) or depth (FLAG_DEPTH) by the upper bits of the float. Integer counts: any order
+// A histogram of luminance or depth by the upper bits of the float. Integer counts: any order
 // gives the same bits. A workgroup counts its pixels in shared memory, where they fall into the bins that pixels mostly
 // fall into, and adds what it has counted: one atomic operation in memory for each pixel would wait for the others of
 // its bin.
@@ -13,25 +13,15 @@ layout(local_size_x = 256) in;
 #ifdef IMAGES
 layout(set = 0, binding = 0) uniform texture2D color_image;
 layout(set = 0, binding = 1) uniform texture2D depth_image;
-#define PLANE Uints
-#else
-#define PLANE Plane
 #endif
 
 layout(push_constant) uniform Push {
-    PLANE color;
-    PLANE depth;
+    Planes planes;
     Uints histogram;
-    uint color_offset;
-    uint color_pixel;
-    uint color_row;
-    uint color_channel;
-    uint depth_offset;
-    uint depth_pixel;
-    uint depth_row;
     uint width;
     uint height;
-    uint flags;
+    uint of_depth;        // else of luminance
+    uint unused;
 };
 
 #include "shared/read_color.glsl"
@@ -56,16 +46,15 @@ void main() {
     uint lane = gl_LocalInvocationID.x;
     for (uint i = lane; i < WINDOW / 2u; i += LANES) counts[i] = 0u;
     barrier();
-    uint window = (flags & FLAG_COLOR) != 0u ? LUMINANCE_WINDOW : DEPTH_WINDOW;
+    uint window = of_depth == 0u ? LUMINANCE_WINDOW : DEPTH_WINDOW;
     uint end = min((group_index() + 1u) * PIXELS, width * height);
     for (uint index = group_index() * PIXELS + lane; index < end; index += LANES) {
         uvec2 at = uvec2(index % width, index / width);
-        if ((flags & FLAG_COLOR) != 0u) {
+        if (of_depth == 0u) {
             vec3 radiance = read_color(at);
             float l = all(are_finite(radiance)) ? luminance(light_of(radiance)) : 0.0;
             if (l > 0.0) count(floatBitsToUint(l) >> LUMINANCE_SHIFT, window);
-        }
-        if ((flags & FLAG_DEPTH) != 0u) {
+        } else {
             float d = read_depth(at);
             // Depths below the first bin are counted in it.
             if (d > 0.0) count(max(floatBitsToUint(d) >> DEPTH_SHIFT, DEPTH_FIRST) - DEPTH_FIRST, window);

@@ -10,10 +10,11 @@ layout(local_size_x = 256) in;
 layout(buffer_reference, std430, buffer_reference_align = 4) coherent buffer TileStats { uint v[]; };
 
 layout(push_constant) uniform Push {
+    Planes planes;
     ReadFloats runs;
     TileStats tile_stats;
     Stats stats;
-    ReadFloats depth_scale;   // with FLAG_DEPTH
+    ReadFloats depth_scale;   // where there is depth
     ReadFloats given;         // with FLAG_GIVEN: the exposure
     Floats told;              // with FLAG_TOLD
     uint run_count;
@@ -124,7 +125,7 @@ void main() {
         for (uint i = 0u; i < 3u; ++i) stats.largest[i] = largest[0][i];
         if ((flags & FLAG_TOLD) != 0u) {
             told.v[0] = exposure;
-            told.v[1] = (flags & FLAG_DEPTH) != 0u ? depth_scale.v[0] : 0.0;
+            told.v[1] = is_present(planes.depth.format) ? depth_scale.v[0] : 0.0;
             told.v[2] = key;
             told.v[3] = noise;
         }

@@ -19,42 +19,22 @@ layout(local_size_x = 64) in;
 layout(set = 0, binding = 0) uniform texture2D color_image;
 layout(set = 0, binding = 1) uniform texture2D depth_image;
 layout(set = 0, binding = 2) uniform texture2D noise_image;
-#define PLANE Uints
-#else
-#define PLANE Plane
 #endif
 
 layout(push_constant) uniform Push {
-    PLANE color;
-    PLANE depth;
-    PLANE noise;
+    Planes planes;
     Stats stats;
     Floats dst;
-    uint color_offset;
-    uint color_pixel;
-    uint color_row;
-    uint color_channel;
-    uint depth_offset;
-    uint depth_pixel;
-    uint depth_row;
-    uint noise_offset;
-    uint noise_pixel;
-    uint noise_row;
     uint width;
     uint height;
     uint columns;
     uint tile_count;
-    uint flags;
-    uint unused;
 };
 
 #include "shared/read_color.glsl"
 #include "shared/read_depth.glsl"
 #include "shared/samples.glsl"
 
-const uint FLAG_NOISE_HALF = 1u << 16;
-const uint FLAG_VARIANCE = 1u << 17;
-const uint FLAG_SAMPLES = 1u << 18;
 
 // Of the exposed colour: relative noise below it counts for less.
 const float FLOOR = 0.01;
@@ -66,11 +46,13 @@ shared uint counts[64];
 shared float layers[64];
 shared bool grounds[64];
 
+Plane noise_plane = planes.noise;
+
 float read_noise(uvec2 at) {
 #ifdef IMAGES
     return texelFetch(noise_image, ivec2(at), 0).r;
 #else
-    return plane_sample(noise, noise_offset + at.y * noise_row + at.x * noise_pixel, (flags & FLAG_NOISE_HALF) != 0u);
+    return float_sample(noise_plane, plane_index(noise_plane, at));
 #endif
 }
 
@@ -78,7 +60,7 @@ float read_noise(uvec2 at) {
 float layer_noise(uvec2 at, vec3 radiance) {
     float value = read_noise(at);
     if (!is_finite(value) || value < 0.0) return ALWAYS;
-    if ((flags & FLAG_SAMPLES) != 0u) return value > 0.0 ? inversesqrt(value) : ALWAYS;
+    if ((noise_plane.format & FORMAT_COUNTS) != 0u) return value > 0.0 ? inversesqrt(value) : ALWAYS;
     return min(sqrt(value) / (luminance(light_of(radiance)) + FLOOR / stats.exposure), ALWAYS);
 }
 
@@ -125,8 +107,8 @@ void main() {
         if (at.x >= width || at.y >= height) continue;
         vec3 radiance = read_color(at);
         if (!is_sound(at, radiance)) sum = vec3(ALWAYS);
-        if ((flags & (FLAG_VARIANCE | FLAG_SAMPLES)) != 0u) layer = max(layer, layer_noise(at, radiance));
-        if ((flags & FLAG_DEPTH) == 0u || read_depth(at) > 0.0) ground = true;
+        if (is_present(noise_plane.format)) layer = max(layer, layer_noise(at, radiance));
+        if (!is_present(depth_plane.format) || read_depth(at) > 0.0) ground = true;
         vec3 response = vec3(0.0);
         for (uint y = 0u; y < 3u; ++y) {
             float weight = y == 1u ? -2.0 : 1.0;
@@ -160,8 +142,8 @@ void main() {
     // A line of pixels has no second difference across.
     if (width < 3u || height < 3u) estimate = ALWAYS;
     float value = estimate;
-    if ((flags & FLAG_VARIANCE) != 0u) value = layer;
+    if ((noise_plane.format & FORMAT_VARIANCE) != 0u) value = layer;
     // Few samples are enough where there is nothing to light.
-    if ((flags & FLAG_SAMPLES) != 0u) value = ground ? layer : min(layer, estimate);
+    if ((noise_plane.format & FORMAT_COUNTS) != 0u) value = ground ? layer : min(layer, estimate);
     dst.v[tile] = bad ? ALWAYS : min(value, ALWAYS);
 }

@@ -3,6 +3,7 @@
 
 use crate::error::Result;
 use crate::kernels::contract::{BindingType, Contract};
+use crate::kernels::planes::Role;
 use crate::kernels::{Storage, TexelRange};
 use crate::plan::Dispatch;
 use crate::renderer::{ImageFrame, ImagePlane};
@@ -128,14 +129,8 @@ fn make_pool(device: &Device, contracts: &[&Contract]) -> Result<Option<vk::Desc
 /// The image that a shader knows by `name`. A missing plane is never read, but its descriptor must be valid: the colour
 /// stands in.
 fn image_of(frame: &ImageFrame, name: &str) -> ImagePlane {
-    match name {
-        "dst_image" => frame.output,
-        "albedo_image" => frame.albedo.unwrap_or(frame.color),
-        "normal_image" => frame.normal.unwrap_or(frame.color),
-        "depth_image" => frame.depth.unwrap_or(frame.color),
-        "noise_image" => frame.noise.map_or(frame.color, |noise| noise.plane),
-        _ => frame.color,
-    }
+    let role = Role::ALL.into_iter().find(|role| role.image() == name);
+    *role.and_then(|role| frame.plane(role)).unwrap_or(&frame.color)
 }
 
 impl Drop for DescriptorSets {

@@ -1,6 +1,7 @@
 //! What the caller hands in: planes of samples in host memory, checked once against the frame's size.
 
 use crate::error::{Error, Result};
+use crate::role::Role;
 use half::f16;
 use std::str::FromStr;
 
@@ -243,10 +244,10 @@ impl<'a> Plane<'a> {
         }
     }
 
-    /// Copies a depth plane into 32-bit floats, its background kept.
-    pub(crate) fn pack_depth(&self, extent: Extent, out: &mut [f32]) {
-        self.pack(extent, 1, out);
-        if let Samples::F16(_) = self.samples {
+    /// Copies the plane of a role, the background of depths kept.
+    pub(crate) fn pack_as(&self, role: Role, extent: Extent, out: &mut [f32]) {
+        self.pack(extent, role.channels(), out);
+        if let (Role::Depth, Samples::F16(_)) = (role, &self.samples) {
             widen_half_depths(out);
         }
     }
@@ -361,11 +362,20 @@ impl<'a> Features<'a> {
         Self { albedo: part(self.albedo), normal: part(self.normal), depth: part(self.depth), noise: None }
     }
 
+    /// The plane of a role; colour and output are none of these.
+    pub(crate) fn plane(&self, role: Role) -> Option<&Plane<'a>> {
+        match role {
+            Role::Albedo => self.albedo.as_ref(),
+            Role::Normal => self.normal.as_ref(),
+            Role::Depth => self.depth.as_ref(),
+            Role::Noise => self.noise.as_ref().map(|noise| &noise.plane),
+            Role::Color | Role::Output => None,
+        }
+    }
+
     fn check(&self, extent: Extent) -> Result<()> {
-        self.albedo.as_ref().map_or(Ok(()), |p| p.check("albedo", extent, 3))?;
-        self.normal.as_ref().map_or(Ok(()), |p| p.check("normal", extent, 3))?;
-        self.depth.as_ref().map_or(Ok(()), |p| p.check("depth", extent, 1))?;
-        self.noise.as_ref().map_or(Ok(()), |noise| noise.plane.check("noise", extent, 1))
+        let planes = Role::ALL.into_iter().filter_map(|role| Some((role, self.plane(role)?)));
+        planes.into_iter().try_for_each(|(role, plane)| plane.check(role.name(), extent, role.channels()))
     }
 }
 

@@ -5,12 +5,14 @@ use crate::descriptors::{DescriptorSets, Resources};
 use crate::engine::Engine;
 use crate::error::Result;
 use crate::frame::{Extent, Frame, Plane};
+use crate::kernels::planes::{Format, PlaneArgs, Planes, Role};
 use crate::kernels::stats::{
     Clear, Counted, HISTOGRAM_BYTES, Histogram, RUN_TILES, STATS_FLOATS, Select, TILE_WORDS, TileStats,
 };
-use crate::kernels::{Addresses, BufferId, Call, FrameArgs, PlaneArgs, TILE};
+use crate::kernels::{Addresses, BufferId, Call, FrameArgs, TILE};
 use crate::net::op::Stage;
 use crate::plan::Dispatch;
+use crate::planes::PlaneTable;
 use crate::record::Recording;
 use crate::vk::memory::Buffer;
 use crate::vk::submit::{Submission, barrier};
@@ -111,10 +113,11 @@ struct Maker<'a> {
     submission: Submission,
     engine: &'a Engine,
     frame: &'a Frame<'a>,
-    args: FrameArgs,
+    exposure: Option<f32>,
     /// By identifier.
     buffers: Vec<Buffer>,
     planes: Buffer,
+    table: PlaneTable,
     told: Buffer,
     rows: u32,
 }
@@ -144,18 +147,23 @@ impl<'a> Maker<'a> {
             pixel: channels,
             row: channels * width,
             channel: 1,
-            present: true,
+            format: Format::F32,
             ..PlaneArgs::default()
         };
-        let depth = if frame.features.depth.is_some() { plane(3, 1) } else { PlaneArgs::default() };
+        let mut table = Planes::default();
+        table[Role::Color] = plane(0, 3);
+        if frame.features.depth.is_some() {
+            table[Role::Depth] = plane(3, 1);
+        }
         let told = STATS_FLOATS * 4 + 4 + all.tile_bytes();
         Ok(Self {
-            args: FrameArgs { color: plane(0, 3), depth, exposure, ..FrameArgs::default() },
+            exposure,
             submission: Submission::new(device)?,
             buffers: sizes.into_iter().map(make).collect::<Result<_>>()?,
             told: Buffer::new(device, "statistics read", told, MemoryLocation::GpuToCpu)?,
             engine,
             frame,
+            table: PlaneTable::new(device, &table, &[])?,
             planes,
             rows,
         })
@@ -170,7 +178,7 @@ impl<'a> Maker<'a> {
         let floats: &mut [f32] = bytemuck::cast_slice_mut(self.planes.bytes_mut());
         part(&self.frame.color).pack(extent, 3, &mut floats[..3 * pixels]);
         if let Some(depth) = &self.frame.features.depth {
-            part(depth).pack_depth(extent, &mut floats[3 * all..][..pixels]);
+            part(depth).pack_as(Role::Depth, extent, &mut floats[3 * all..][..pixels]);
         }
     }
 
@@ -232,7 +240,7 @@ impl<'a> Maker<'a> {
 
     /// Runs calls one after another, then copies, and waits.
     fn run(&mut self, calls: &[Call], copies: &[(BufferId, BufferId, vk::BufferCopy)]) -> Result<()> {
-        let Self { submission, engine, args, buffers, .. } = self;
+        let Self { submission, engine, exposure, table, buffers, .. } = self;
         let (device, target) = (&engine.device, engine.target.kernels);
         let dispatch = |call: &Call| Dispatch::new("statistics", Stage::Input, 0, call.clone(), target);
         let mut dispatches: Vec<Dispatch> = calls.iter().map(dispatch).collect();
@@ -242,9 +250,10 @@ impl<'a> Maker<'a> {
         let resources = Resources { images: None, texels: &|range| whole(range.buffer) };
         // SAFETY: the buffers live in `self`, and `run` waits.
         let sets = unsafe { DescriptorSets::new(device, &dispatches, &pipelines, &resources)? };
+        let frame = FrameArgs { planes: table.address(), exposure: *exposure, ..FrameArgs::default() };
         let recording = Recording {
             device,
-            addresses: Addresses { buffer: &|id| buffers[id.0].address(), frame: *args },
+            addresses: Addresses { buffer: &|id| buffers[id.0].address(), frame },
             buffers: &|id| (buffers[id.0].raw(), 0),
             pipelines: &pipelines,
             sets: &sets,

@@ -2,17 +2,20 @@
 
 use crate::engine::Engine;
 use crate::error::{Error, Result};
-use crate::frame::{Extent, Features, Frame, Layout, Noise, NoiseKind, Plane, PlaneMut, Region};
+use crate::formats::SampleFormat;
+use crate::frame::{Extent, Features, Frame, Layout, NoiseKind, Plane, PlaneMut, Region};
 use crate::host_signals::SignalPlanes;
+use crate::kernels::planes::Planes;
 use crate::kernels::stats::{EXPOSURE, STATS_FLOATS};
-use crate::memory::{MemoryRequired, input_bytes, output_bytes, plane_bytes};
+use crate::memory::{MemoryRequired, floats_before, input_bytes, output_bytes, plane_bytes};
 use crate::options::{FrameOptions, Report};
 use crate::pass::{Binding, Pass};
 use crate::plan::active::{ActiveTiles, Work};
 use crate::plan::{Dispatch, Plan};
 use crate::profile::{KernelRecord, Profiler};
 use crate::progress::{self, Pieces, Progress};
-use crate::renderer::{BufferFrame, BufferPlane, SampleFormat};
+use crate::renderer::BufferPlane;
+use crate::role::Role;
 use crate::signals::{Signal, SignalKind};
 use crate::vk::caps::DeviceKind;
 use crate::vk::memory::Buffer;
@@ -23,18 +26,18 @@ use std::ops::Range;
 use std::sync::Arc;
 use std::time::Instant;
 
-/// Which planes a frame has beside its colour: albedo, normal, depth, and what it says of its noise.
-type Present = ([bool; 3], Option<NoiseKind>);
+/// Which planes a frame has beside its colour: the features, and what it says of its noise.
+type Present = ([bool; Role::FEATURES.len()], Option<NoiseKind>);
 /// A frame's planes, and what signals come with it: kind and channels.
-type Planes = (Present, Vec<(SignalKind, u32)>);
+type Staged = (Present, Vec<(SignalKind, u32)>);
 
 /// A pass with its staging memory and its recording.
 pub(crate) struct HostPass {
     // Fields drop in this order: the recording before what it uses.
     submission: Submission,
-    binding: Option<(Planes, Binding)>,
+    binding: Option<(Staged, Binding)>,
     /// What the command buffer holds now; it is recorded again only when this changes.
-    recorded: Option<(Planes, FrameOptions, bool)>,
+    recorded: Option<(Staged, FrameOptions, bool)>,
     /// The work of the last recording.
     work: Option<Work>,
     /// How the pass is cut where the caller watches.
@@ -42,7 +45,7 @@ pub(crate) struct HostPass {
     /// Where the last run was active, if that differs.
     active: Option<ActiveTiles>,
     /// The features that the arena holds what depends on.
-    kept: Option<[bool; 3]>,
+    kept: Option<[bool; Role::FEATURES.len()]>,
     /// Of one slot; made when profiling is first wanted.
     profiler: Option<Profiler>,
     /// What the last run measured.
@@ -114,8 +117,15 @@ impl HostPass {
 
     /// Stages the colour.
     pub fn write_color(&mut self, color: &Plane) {
+        self.write(Role::Color, color);
+    }
+
+    fn write(&mut self, role: Role, plane: &Plane) {
         let extent = self.extent();
-        color.pack(extent, 3, &mut self.floats()[..3 * extent.pixels() as usize]);
+        let (first, pixels) = (floats_before(role), extent.pixels());
+        let floats: &mut [f32] = bytemuck::cast_slice_mut(self.input.bytes_mut());
+        let planes = &mut floats[(first * pixels) as usize..];
+        plane.pack_as(role, extent, &mut planes[..role.channels() * pixels as usize]);
     }
 
     /// Stages the signals of the next run.
@@ -225,7 +235,7 @@ impl HostPass {
     /// ends it there. The binding is kept. Returns the device's milliseconds where it has timestamps.
     fn run_pieces(
         &mut self,
-        (planes, bound): (Planes, Binding),
+        (planes, bound): (Staged, Binding),
         commands: &Commands,
         options: &FrameOptions,
         profile: bool,
@@ -262,31 +272,22 @@ impl HostPass {
     }
 
     /// Copies the features, and says which there are.
-    fn stage(&mut self, features: &Features) -> [bool; 3] {
-        let extent = self.extent();
-        let pixels = extent.pixels() as usize;
-        let Features { albedo, normal, depth, .. } = features;
-        for (plane, first) in [(albedo, 3), (normal, 6)] {
-            if let Some(plane) = plane {
-                plane.pack(extent, 3, &mut self.floats()[first * pixels..][..3 * pixels]);
-            }
-        }
-        if let Some(plane) = depth {
-            plane.pack_depth(extent, &mut self.floats()[9 * pixels..][..pixels]);
-        }
-        [albedo, normal, depth].map(Option::is_some)
+    fn stage(&mut self, features: &Features) -> [bool; Role::FEATURES.len()] {
+        Role::FEATURES.map(|role| {
+            let plane = features.plane(role);
+            plane.into_iter().for_each(|plane| self.write(role, plane));
+            plane.is_some()
+        })
     }
 
     /// Copies what is known of the colour's noise, where that is asked for, and says what it is.
     fn stage_noise(&mut self, features: &Features) -> Option<NoiseKind> {
-        let extent = self.extent();
-        let pixels = extent.pixels() as usize;
         let noise = features.noise.filter(|_| self.pass.plan().quiet.is_some())?;
-        noise.plane.pack(extent, 1, &mut self.floats()[10 * pixels..][..pixels]);
+        self.write(Role::Noise, &noise.plane);
         Some(noise.kind)
     }
 
-    fn kept_features(&self) -> Result<[bool; 3]> {
+    fn kept_features(&self) -> Result<[bool; Role::FEATURES.len()]> {
         self.kept.ok_or_else(|| Error::InvalidOption {
             option: "features_unchanged",
             reason: "no frame of this size was denoised before".into(),
@@ -300,33 +301,36 @@ impl HostPass {
         output.unpack(extent, region, 3, bytemuck::cast_slice(&self.output.bytes()[..12 * extent.pixels() as usize]));
     }
 
-    fn floats(&mut self) -> &mut [f32] {
-        bytemuck::cast_slice_mut(self.input.bytes_mut())
-    }
-
-    fn bind(&self, ([albedo, normal, depth], noise): Present) -> Result<Binding> {
-        let signals = self.signals.planes(self.extent());
+    fn bind(&self, (features, noise): Present) -> Result<Binding> {
         let extent = self.extent();
-        let plane = |buffer: &Buffer, size, first: u64, channels| BufferPlane {
-            buffer: buffer.raw(),
-            size,
-            format: SampleFormat::F32,
-            layout: Layout { offset: (first * extent.pixels()) as usize, ..Layout::interleaved(extent, channels) },
-        };
-        let input_bytes = input_bytes(self.pass.plan());
+        let (device, signals) = (&self.engine.device, self.signals.planes(extent));
         let [from, to] = self.in_device.as_ref().map_or([&self.input, &self.output], |[input, output]| [input, output]);
-        let input = |first, channels| plane(from, input_bytes, first, channels);
-        let mut frame = BufferFrame::new(input(0, 3), plane(to, plane_bytes(extent), 0, 3));
-        frame.albedo = albedo.then(|| input(3, 3));
-        frame.normal = normal.then(|| input(6, 3));
-        frame.depth = depth.then(|| input(9, 1));
-        frame.noise = noise.map(|kind| Noise { plane: input(10, 1), kind });
-        // SAFETY: the buffers are our own and as described.
-        unsafe { self.pass.bind_buffers_with(&frame, &signals) }
+        let place = |role: Role| match role {
+            Role::Output => (to, plane_bytes(extent), 0),
+            _ => (from, input_bytes(self.pass.plan()), floats_before(role)),
+        };
+        let present = Role::FEATURES.into_iter().zip(features).filter(|(_, present)| *present).map(|(role, _)| role);
+        let mut planes = Planes::default();
+        for role in [Role::Color, Role::Output].into_iter().chain(present).chain(noise.map(|_| Role::Noise)) {
+            let (buffer, size, first) = place(role);
+            let packed = Layout::interleaved(extent, role.channels());
+            let plane = BufferPlane {
+                buffer: buffer.raw(),
+                size,
+                format: SampleFormat::F32,
+                layout: Layout { offset: (first * extent.pixels()) as usize, ..packed },
+            };
+            // SAFETY: the buffers are our own and as described; the same below.
+            planes[role] = unsafe { plane.resolve(device, role.name(), extent, role.channels())? };
+        }
+        if let Some(kind) = noise {
+            planes.tell_noise(kind);
+        }
+        unsafe { self.pass.bind_rows(&planes, &signals) }
     }
 
     /// The planes of the next recording: those bound last, if they are the same.
-    fn bound(&mut self, planes: &Planes) -> Result<Binding> {
+    fn bound(&mut self, planes: &Staged) -> Result<Binding> {
         self.recorded = None;
         match self.binding.take() {
             Some((had, binding)) if had == *planes => Ok(binding),
@@ -339,7 +343,7 @@ impl HostPass {
         Ok(Commands { dispatches: self.pass.dispatches(bound, options)?.into_owned(), uploads: Vec::new() })
     }
 
-    fn record(&mut self, planes: &Planes, options: &FrameOptions, profile: bool) -> Result<()> {
+    fn record(&mut self, planes: &Staged, options: &FrameOptions, profile: bool) -> Result<()> {
         let bound = self.bound(planes)?;
         let commands = self.commands(&bound, options)?;
         self.work = Some(Work::of(&commands.dispatches));

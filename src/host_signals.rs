@@ -1,8 +1,9 @@
 //! The host path's memory for signals beside the colour.
 
 use crate::error::Result;
+use crate::formats::SampleFormat;
 use crate::frame::{Extent, Layout, Region};
-use crate::renderer::{BufferPlane, SampleFormat};
+use crate::renderer::BufferPlane;
 use crate::signals::{BufferSignal, Signal, SignalKind};
 use crate::vk::device::Device;
 use crate::vk::memory::Buffer;

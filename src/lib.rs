@@ -51,6 +51,7 @@
 //! | choices | [`Options`] for a [`Denoiser`], [`FrameOptions`] for each frame; [`Exposure`], [`Fireflies`], [`Precision`], [`Quiet`] |
 //! | frames in memory | [`Denoiser::denoise`] of a [`Frame`] of [`Plane`]s with a [`Layout`] each; [`Denoiser::denoise_with`] for [`Signal`]s beside it, [`Progress`] and cancelling; a [`Report`] comes back |
 //! | frames on the GPU | [`Denoiser::pass`], then [`Pass::bind_buffers`] of a [`BufferFrame`] or [`Pass::bind_images`] of an [`ImageFrame`], then [`Pass::record`] every frame |
+//! | what planes hold | [`SampleFormat`] in buffers, [`ImageFormat`]; [`NormalEncoding`], [`DepthEncoding`] |
 //! | memory, times | [`Denoiser::memory_required`]; [`Pass::profiler`] and [`Pass::record_profiled`] |
 //! | EXR files, metrics | the modules below |
 //!
@@ -81,6 +82,7 @@ mod engine;
 mod error;
 #[cfg(feature = "exr")]
 pub mod exr_io;
+mod formats;
 mod frame_statistics;
 mod host;
 mod host_signals;
@@ -89,11 +91,13 @@ pub mod metrics;
 mod parallel;
 mod pass;
 mod pipelines;
+mod planes;
 pub mod profile;
 mod progress;
 mod quality;
 mod record;
 mod renderer;
+mod role;
 mod signals;
 mod tiled;
 mod tiling;
@@ -102,6 +106,7 @@ mod tiling;
 pub use ash;
 pub use denoiser::Denoiser;
 pub use error::{Error, Result};
+pub use formats::{DepthEncoding, ImageFormat, NormalEncoding, SampleFormat};
 pub use frame::{Extent, Features, Frame, Layout, Noise, NoiseKind, Plane, PlaneMut, Region, Samples, SamplesMut};
 /// 16-bit floats, in the version that [`Samples`] names.
 pub use half;
@@ -114,9 +119,7 @@ pub use plan::active::{ActiveTiles, Part};
 pub use profile::{KernelRecord, Profiler};
 pub use progress::Progress;
 pub use quality::Quality;
-pub use renderer::{
-    BufferAddress, BufferFrame, BufferPlane, FrameStatistics, ImageFormat, ImageFrame, ImagePlane, SampleFormat,
-};
+pub use renderer::{BufferAddress, BufferFrame, BufferPlane, FrameStatistics, ImageFrame, ImagePlane};
 pub use signals::{BufferSignal, Signal, SignalKind};
 pub use vk::cache::Cache;
 pub use vk::caps::{DeviceInfo, DeviceKind, Requirements};

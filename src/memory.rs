@@ -3,12 +3,7 @@
 use crate::error::{Error, Result};
 use crate::frame::Extent;
 use crate::plan::Plan;
-
-/// Floats of a pixel in the host path's staging memory: colour, albedo, normal, depth, each plane by itself; where
-/// quiet tiles are left out, one more for noise.
-const INPUT_FLOATS: u64 = 10;
-/// Floats of a pixel that come back.
-const OUTPUT_FLOATS: u64 = 3;
+use crate::role::Role;
 
 /// Device memory that a frame size takes, in bytes. The caller's own planes are apart.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -42,13 +37,20 @@ impl MemoryRequired {
     }
 }
 
+/// The planes that go in, each by itself; that of noise, the last, only where quiet tiles are left out.
 pub(crate) fn input_bytes(plan: &Plan) -> u64 {
-    plan.extent.pixels() * (INPUT_FLOATS + u64::from(plan.quiet.is_some())) * 4
+    let end = if plan.quiet.is_some() { Role::Output } else { Role::Noise };
+    4 * plan.extent.pixels() * floats_before(end)
+}
+
+/// Floats of a pixel of the planes in the host path's staging memory that lie before a role's.
+pub(crate) fn floats_before(role: Role) -> u64 {
+    Role::ALL[..role as usize].iter().map(|role| role.channels() as u64).sum()
 }
 
 /// The denoised plane.
 pub(crate) fn plane_bytes(extent: Extent) -> u64 {
-    extent.pixels() * OUTPUT_FLOATS * 4
+    4 * extent.pixels() * Role::Output.channels() as u64
 }
 
 /// The denoised plane, then what is read back of the plan.

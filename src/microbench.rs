@@ -3,7 +3,7 @@
 use crate::engine::{self, Engine};
 use crate::error::Result;
 use crate::frame::Extent;
-use crate::kernels::FrameArgs;
+use crate::kernels::planes::Planes;
 use crate::net::graph::Graph;
 use crate::net::weights::Weights;
 use crate::options::{FrameOptions, Options, Precision};
@@ -65,7 +65,7 @@ impl PartRunner {
         let engine = Arc::new(Engine::of_plan(device, graph.clone(), &plan, weights, target)?);
         let pass = Pass::of_plan(&engine, plan)?;
         // SAFETY: no images.
-        let binding = unsafe { pass.bind(None, engine.target.kernels, FrameArgs::default(), Vec::new()) }?;
+        let binding = unsafe { pass.bind(None, engine.target.kernels, &Planes::default(), &[]) }?;
         let profiler = if device.has_timestamps() { Some(pass.profiler(1)?) } else { None };
         let mut runner = Self { submission: Submission::new(device)?, profiler, binding, pass };
         runner.fill()?;

@@ -4,15 +4,16 @@ use crate::descriptors::{DescriptorSets, Resources};
 use crate::engine::Engine;
 use crate::error::{Error, Result};
 use crate::frame::Extent;
-use crate::frame::NoiseKind;
-use crate::kernels::signals::SignalArgs;
-use crate::kernels::{Addresses, BufferId, FrameArgs, KernelTarget, PlaneArgs, TexelRange};
+use crate::kernels::planes::{Planes, Role};
+use crate::kernels::signals::SignalRows;
+use crate::kernels::{Addresses, BufferId, FrameArgs, KernelTarget, TexelRange};
 use crate::options::{Exposure, FrameOptions};
 use crate::plan::active::{ActiveTiles, Work};
 use crate::plan::{self, Dispatch, Place, Plan, Present};
+use crate::planes::PlaneTable;
 use crate::profile::Profiler;
 use crate::record::Recording;
-use crate::renderer::{BufferAddress, BufferFrame, ImageFormat, ImageFrame, ImagePlane};
+use crate::renderer::{BufferAddress, BufferFrame, ImageFrame};
 use crate::signals::{self, BufferSignal};
 use crate::vk::device::Device;
 use crate::vk::memory::Buffer;
@@ -45,8 +46,7 @@ pub struct Binding {
     pipelines: Vec<Arc<Pipeline>>,
     /// What runs of the plan for these planes, whole.
     dispatches: Vec<Dispatch>,
-    planes: FrameArgs,
-    signals: Vec<SignalArgs>,
+    planes: PlaneTable,
     /// The pass's own [`Pass::id`].
     pass: u64,
 }
@@ -152,8 +152,9 @@ impl Pass {
     /// Resolves a frame in the renderer's buffers. Not for the frame's hot path: it may compile kernels.
     ///
     /// # Errors
-    /// [`Error::PlaneMismatch`]; [`Error::Unsupported`] where the output's samples are halves and the device cannot
-    /// write them; [`Error::Vulkan`].
+    /// [`Error::PlaneMismatch`]; [`Error::Binding`] for a format that the plane cannot have, [`Error::InvalidOption`] for
+    /// an encoding of depths that it cannot; [`Error::Unsupported`] where the output's samples are halves and the device
+    /// cannot write them; [`Error::OutOfMemory`], [`Error::Vulkan`].
     ///
     /// # Safety
     /// The buffers are valid, as their fields say, and belong to the device.
@@ -173,27 +174,21 @@ impl Pass {
     /// # Safety
     /// As [`Pass::bind_buffers`], of the signals' buffers too.
     pub unsafe fn bind_buffers_with(&self, frame: &BufferFrame, signals: &[BufferSignal]) -> Result<Binding> {
-        let (device, extent) = (&self.engine.device, self.plan.extent);
         // SAFETY: the caller vouches for the buffers.
-        let resolve = |plane: Option<&crate::renderer::BufferPlane>, name, channels| unsafe {
-            plane.map_or(Ok(PlaneArgs::default()), |plane| plane.resolve(device, name, extent, channels))
-        };
-        let output = resolve(Some(&frame.output), "output", 3)?;
-        let planes = FrameArgs {
-            color: resolve(Some(&frame.color), "colour", 3)?,
-            albedo: resolve(frame.albedo.as_ref(), "albedo", 3)?,
-            normal: resolve(frame.normal.as_ref(), "normal", 3)?,
-            depth: resolve(frame.depth.as_ref(), "depth", 1)?,
-            noise: resolve(frame.noise.as_ref().map(|noise| &noise.plane), "noise", 1)?,
-            noise_kind: frame.noise.map_or(NoiseKind::default(), |noise| noise.kind),
-            output,
-            ..FrameArgs::default()
-        };
-        let target = KernelTarget { output_half: output.half, ..self.engine.target.kernels };
+        unsafe { self.bind_rows(&frame.resolve(&self.engine.device, self.plan.extent)?, signals) }
+    }
+
+    /// Binds planes in buffers that were resolved.
+    ///
+    /// # Safety
+    /// As [`Pass::bind_buffers_with`].
+    pub(crate) unsafe fn bind_rows(&self, planes: &Planes, signals: &[BufferSignal]) -> Result<Binding> {
+        let output_half = planes[Role::Output].format.is_half();
+        let target = KernelTarget { output_half, ..self.engine.target.kernels };
         // SAFETY: no images; the caller vouches for the signals' buffers.
         unsafe {
-            let signals = self.resolve_signals(signals, target.output_half)?;
-            self.bind(None, target, planes, signals)
+            let signals = self.resolve_signals(signals, output_half)?;
+            self.bind(None, target, planes, &signals)
         }
     }
 
@@ -201,7 +196,8 @@ impl Pass {
     /// descriptor sets, which are never updated afterwards.
     ///
     /// # Errors
-    /// [`Error::PlaneMismatch`], [`Error::Binding`], [`Error::Vulkan`].
+    /// [`Error::PlaneMismatch`]; [`Error::Binding`], [`Error::InvalidOption`] as of buffers; [`Error::OutOfMemory`],
+    /// [`Error::Vulkan`].
     ///
     /// # Safety
     /// The views are valid, as their fields say, belong to the device, and live as long as the binding.
@@ -218,34 +214,19 @@ impl Pass {
     /// # Safety
     /// As [`Pass::bind_images`]; the signals' buffers are valid, as their fields say, and belong to the device.
     pub unsafe fn bind_images_with(&self, frame: &ImageFrame, signals: &[BufferSignal]) -> Result<Binding> {
-        frame.check(self.plan.extent)?;
-        let args = |plane: Option<&ImagePlane>| PlaneArgs {
-            present: plane.is_some(),
-            half: plane.is_some_and(|p| p.format == ImageFormat::Rgba16F),
-            ..PlaneArgs::default()
-        };
-        let planes = FrameArgs {
-            color: args(Some(&frame.color)),
-            albedo: args(frame.albedo.as_ref()),
-            normal: args(frame.normal.as_ref()),
-            depth: args(frame.depth.as_ref()),
-            noise: args(frame.noise.as_ref().map(|noise| &noise.plane)),
-            noise_kind: frame.noise.map_or(NoiseKind::default(), |noise| noise.kind),
-            output: args(Some(&frame.output)),
-            ..FrameArgs::default()
-        };
-        let output_half = frame.output.format == ImageFormat::Rgba16F;
+        let planes = frame.resolve(self.plan.extent)?;
+        let output_half = planes[Role::Output].format.is_half();
         let target = KernelTarget { images: true, output_half, ..self.engine.target.kernels };
         // SAFETY: the caller vouches for the views and the signals' buffers.
         unsafe {
             let signals = self.resolve_signals(signals, output_half)?;
-            self.bind(Some(frame), target, planes, signals)
+            self.bind(Some(frame), target, &planes, &signals)
         }
     }
 
     /// # Safety
     /// The buffers are valid, as their fields say, and belong to the device.
-    unsafe fn resolve_signals(&self, signals: &[BufferSignal], output_half: bool) -> Result<Vec<SignalArgs>> {
+    unsafe fn resolve_signals(&self, signals: &[BufferSignal], output_half: bool) -> Result<Vec<SignalRows>> {
         if !signals.is_empty() && !self.engine.target.signals {
             return Err(signals::not_asked_for());
         }
@@ -261,10 +242,10 @@ impl Pass {
         &self,
         images: Option<&ImageFrame>,
         target: KernelTarget,
-        planes: FrameArgs,
-        signals: Vec<SignalArgs>,
+        planes: &Planes,
+        signals: &[SignalRows],
     ) -> Result<Binding> {
-        let (engine, features) = (&self.engine, present(&planes));
+        let (engine, features) = (&self.engine, present(planes));
         let mut dispatches = self.plan.for_features(features).to_vec();
         dispatches.iter_mut().for_each(|dispatch| dispatch.choose(target));
         if !features.depth {
@@ -278,7 +259,8 @@ impl Pass {
         let resources = Resources { images, texels: &texels };
         // SAFETY: the caller vouches for the images; the arena and the weights outlive every use of the binding.
         let sets = unsafe { DescriptorSets::new(&engine.device, &dispatches, &pipelines, &resources)? };
-        Ok(Binding { sets, pipelines, dispatches, planes, signals, pass: self.id })
+        let planes = PlaneTable::new(&engine.device, planes, signals)?;
+        Ok(Binding { sets, pipelines, dispatches, planes, pass: self.id })
     }
 
     /// Records the pass into the renderer's command buffer. It does not submit, wait, allocate device memory or update
@@ -378,7 +360,8 @@ impl Pass {
                     blend: options.blend,
                     fireflies: options.fireflies,
                     quiet_threshold: self.engine.quiet_threshold,
-                    ..binding.planes
+                    planes: binding.planes.address(),
+                    signal: None,
                 },
             },
             buffers: &|id| {
@@ -387,7 +370,7 @@ impl Pass {
             },
             pipelines: &binding.pipelines,
             sets: &binding.sets,
-            signals: &binding.signals,
+            signals: binding.planes.signals(),
             timestamps,
         };
         // SAFETY: the caller vouches for `commands` and for what the binding names; the arena is this pass's own.
@@ -413,6 +396,6 @@ impl Pass {
     }
 }
 
-fn present(planes: &FrameArgs) -> Present {
-    Present { albedo: planes.albedo.present, normal: planes.normal.present, depth: planes.depth.present }
+fn present(planes: &Planes) -> Present {
+    Present { albedo: planes.has(Role::Albedo), normal: planes.has(Role::Normal), depth: planes.has(Role::Depth) }
 }

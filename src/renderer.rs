@@ -1,30 +1,14 @@
 //! What a renderer hands in: its buffers or its images.
 
 use crate::error::{Error, Result};
+use crate::formats::{DepthEncoding, ImageFormat, NormalEncoding, SampleFormat};
 use crate::frame::{Extent, Layout, Noise};
-use crate::kernels::PlaneArgs;
+use crate::kernels::planes::{PlaneArgs, Planes, Role};
 use crate::vk::device::Device;
 use ash::vk;
 
-/// Sample format of a plane in a buffer.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum SampleFormat {
-    /// 32-bit floats.
-    F32,
-    /// 16-bit floats. Writing them needs `storageBuffer16BitAccess`.
-    F16,
-}
-
-impl SampleFormat {
-    fn bytes(self) -> u64 {
-        match self {
-            Self::F32 => 4,
-            Self::F16 => 2,
-        }
-    }
-}
-
-/// A plane in a `VkBuffer`: three channels (colour, albedo, normal, output) or one (depth, noise).
+/// A plane in a `VkBuffer`: three channels (colour, albedo, normal, output), two (octahedral normals) or one (depth,
+/// noise).
 #[derive(Clone, Copy, Debug)]
 pub struct BufferPlane {
     /// The buffer, created with `VK_BUFFER_USAGE_SHADER_DEVICE_ADDRESS_BIT` and `VK_BUFFER_USAGE_STORAGE_BUFFER_BIT`
@@ -32,7 +16,7 @@ pub struct BufferPlane {
     pub buffer: vk::Buffer,
     /// Size of the buffer in bytes.
     pub size: u64,
-    /// Sample format.
+    /// Sample format, one of those that its variants name for the plane.
     pub format: SampleFormat,
     /// Where the samples lie, counted in samples from the start of the buffer.
     pub layout: Layout,
@@ -98,8 +82,12 @@ pub struct BufferFrame {
     pub albedo: Option<BufferPlane>,
     /// Shading normal.
     pub normal: Option<BufferPlane>,
+    /// How its samples tell it.
+    pub normal_encoding: NormalEncoding,
     /// Depth.
     pub depth: Option<BufferPlane>,
+    /// How its samples tell it.
+    pub depth_encoding: DepthEncoding,
     /// The colour's noise ([`Features::noise`](crate::Features::noise)).
     pub noise: Option<Noise<BufferPlane>>,
     /// Where the denoised colour goes.
@@ -109,19 +97,48 @@ pub struct BufferFrame {
 impl BufferFrame {
     /// A frame of colour alone; its other fields say what else there is.
     pub fn new(color: BufferPlane, output: BufferPlane) -> Self {
-        Self { color, albedo: None, normal: None, depth: None, noise: None, output }
+        let (normal_encoding, depth_encoding) = Default::default();
+        let (albedo, normal, depth, noise) = (None, None, None, None);
+        Self { color, albedo, normal, normal_encoding, depth, depth_encoding, noise, output }
     }
-}
 
-/// Format of an image.
-#[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum ImageFormat {
-    /// `VK_FORMAT_R16G16B16A16_SFLOAT`: colour, albedo, normal, output.
-    Rgba16F,
-    /// `VK_FORMAT_R32G32B32A32_SFLOAT`: colour, albedo, normal, output.
-    Rgba32F,
-    /// `VK_FORMAT_R32_SFLOAT`: depth, noise.
-    R32F,
+    fn plane(&self, role: Role) -> Option<&BufferPlane> {
+        match role {
+            Role::Color => Some(&self.color),
+            Role::Albedo => self.albedo.as_ref(),
+            Role::Normal => self.normal.as_ref(),
+            Role::Depth => self.depth.as_ref(),
+            Role::Noise => self.noise.as_ref().map(|noise| &noise.plane),
+            Role::Output => Some(&self.output),
+        }
+    }
+
+    /// Checks the planes and finds their addresses.
+    ///
+    /// # Safety
+    /// The buffers must be as their fields say.
+    pub(crate) unsafe fn resolve(&self, device: &Device, extent: Extent) -> Result<Planes> {
+        let mut planes = Planes::default();
+        for role in Role::ALL {
+            let Some(plane) = self.plane(role) else { continue };
+            let formats = SampleFormat::choices(role);
+            if !formats.contains(&plane.format) {
+                let (name, has) = (role.name(), plane.format);
+                return Err(Error::Binding(format!("the {name} plane's samples are {has:?}; they can be {formats:?}")));
+            }
+            let channels = if role == Role::Normal { self.normal_encoding.channels() } else { role.channels() };
+            // SAFETY: the caller vouches for the buffers.
+            let mut row = unsafe { plane.resolve(device, role.name(), extent, channels)? };
+            match role {
+                Role::Normal => self.normal_encoding.tell(&mut row),
+                Role::Depth => self.depth_encoding.tell(false, &mut row)?,
+                _ => {}
+            }
+            planes[role] = row;
+        }
+        self.noise.iter().for_each(|noise| planes.tell_noise(noise.kind));
+        Ok(planes)
+    }
 }
 
 /// A two-dimensional image.
@@ -130,12 +147,12 @@ pub struct ImagePlane {
     /// A view of one 2D level. Inputs need the usage `VK_IMAGE_USAGE_SAMPLED_BIT`, the output
     /// `VK_IMAGE_USAGE_STORAGE_BIT`.
     pub view: vk::ImageView,
-    /// Its format.
+    /// Its format, one of those that its variants name for the plane.
     pub format: ImageFormat,
     /// Its size in pixels.
     pub extent: Extent,
-    /// The layout it will be in when the commands run: `GENERAL` or `SHADER_READ_ONLY_OPTIMAL` for inputs, `GENERAL`
-    /// for the output.
+    /// The layout it will be in when the commands run: `GENERAL` or `SHADER_READ_ONLY_OPTIMAL` for inputs, of depth
+    /// buffers also `DEPTH_STENCIL_READ_ONLY_OPTIMAL` or `DEPTH_READ_ONLY_OPTIMAL`; `GENERAL` for the output.
     pub layout: vk::ImageLayout,
 }
 
@@ -149,8 +166,12 @@ pub struct ImageFrame {
     pub albedo: Option<ImagePlane>,
     /// Shading normal.
     pub normal: Option<ImagePlane>,
+    /// How its samples tell it.
+    pub normal_encoding: NormalEncoding,
     /// Depth.
     pub depth: Option<ImagePlane>,
+    /// How its samples tell it.
+    pub depth_encoding: DepthEncoding,
     /// The colour's noise ([`Features::noise`](crate::Features::noise)).
     pub noise: Option<Noise<ImagePlane>>,
     /// Where the denoised colour goes.
@@ -160,7 +181,9 @@ pub struct ImageFrame {
 impl ImageFrame {
     /// A frame of colour alone; its other fields say what else there is.
     pub fn new(color: ImagePlane, output: ImagePlane) -> Self {
-        Self { color, albedo: None, normal: None, depth: None, noise: None, output }
+        let (normal_encoding, depth_encoding) = Default::default();
+        let (albedo, normal, depth, noise) = (None, None, None, None);
+        Self { color, albedo, normal, normal_encoding, depth, depth_encoding, noise, output }
     }
 }
 
@@ -177,10 +200,12 @@ impl BufferPlane {
         channels: usize,
     ) -> Result<PlaneArgs> {
         let bytes = self.format.bytes();
+        // All channels are in one sample then.
+        let channels = if self.format.is_packed() { 1 } else { channels };
         self.layout.check(name, extent, channels, self.size / bytes)?;
-        // The shader counts from the first sample in 32 bits.
+        // The shader counts in 32 bits, from the first sample or one of the three before it in its word.
         let from_first = Layout { offset: 0, ..self.layout };
-        from_first.check(name, extent, channels, u64::from(u32::MAX))?;
+        from_first.check(name, extent, channels, u64::from(u32::MAX - 3))?;
         // SAFETY: the caller vouches for the buffer.
         let base = unsafe { address(device, self.buffer) };
         let first = base + self.layout.offset as u64 * bytes;
@@ -191,28 +216,42 @@ impl BufferPlane {
             offset: ((first - address) / bytes) as u32,
             pixel: self.layout.pixel_stride as u32,
             row: self.layout.row_stride as u32,
-            channel: self.layout.channel_stride as u32,
-            half: self.format == SampleFormat::F16,
-            present: true,
+            channel: if channels == 1 { 0 } else { self.layout.channel_stride as u32 },
+            format: self.format.as_read(),
+            ..PlaneArgs::default()
         })
     }
 }
 
 impl ImageFrame {
-    /// Checks formats, sizes and layouts.
-    pub(crate) fn check(&self, extent: Extent) -> Result<()> {
-        let rgba: &[ImageFormat] = &[ImageFormat::Rgba16F, ImageFormat::Rgba32F];
-        let sampled: &[vk::ImageLayout] = &[vk::ImageLayout::GENERAL, vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL];
-        let planes = [
-            ("colour", Some(&self.color), rgba, sampled),
-            ("albedo", self.albedo.as_ref(), rgba, sampled),
-            ("normal", self.normal.as_ref(), rgba, sampled),
-            ("depth", self.depth.as_ref(), &[ImageFormat::R32F], sampled),
-            ("noise", self.noise.as_ref().map(|noise| &noise.plane), &[ImageFormat::R32F], sampled),
-            ("output", Some(&self.output), rgba, &[vk::ImageLayout::GENERAL]),
-        ];
-        for (name, plane, formats, layouts) in planes {
-            let Some(plane) = plane else { continue };
+    /// The image of a plane.
+    pub(crate) fn plane(&self, role: Role) -> Option<&ImagePlane> {
+        match role {
+            Role::Color => Some(&self.color),
+            Role::Albedo => self.albedo.as_ref(),
+            Role::Normal => self.normal.as_ref(),
+            Role::Depth => self.depth.as_ref(),
+            Role::Noise => self.noise.as_ref().map(|noise| &noise.plane),
+            Role::Output => Some(&self.output),
+        }
+    }
+
+    /// Checks formats, sizes and layouts, and gives the rows of the planes.
+    pub(crate) fn resolve(&self, extent: Extent) -> Result<Planes> {
+        let mut planes = Planes::default();
+        for role in Role::ALL {
+            let Some(plane) = self.plane(role) else { continue };
+            let (name, formats) = (role.name(), ImageFormat::choices(role));
+            let layouts: &[vk::ImageLayout] = match role {
+                Role::Output => &[vk::ImageLayout::GENERAL],
+                Role::Depth if plane.format.is_depth() => &[
+                    vk::ImageLayout::GENERAL,
+                    vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL,
+                    vk::ImageLayout::DEPTH_STENCIL_READ_ONLY_OPTIMAL,
+                    vk::ImageLayout::DEPTH_READ_ONLY_OPTIMAL,
+                ],
+                _ => &[vk::ImageLayout::GENERAL, vk::ImageLayout::SHADER_READ_ONLY_OPTIMAL],
+            };
             if plane.extent != extent {
                 let (has, wants) = (plane.extent, extent);
                 return Err(Error::PlaneMismatch {
@@ -232,10 +271,21 @@ impl ImageFrame {
                     plane.layout
                 )));
             }
+            let row = &mut planes[role];
+            row.format = plane.format.as_read();
+            match role {
+                Role::Normal => {
+                    self.normal_encoding.check(plane.format)?;
+                    self.normal_encoding.tell(row);
+                }
+                Role::Depth => self.depth_encoding.tell(plane.format.is_depth(), row)?,
+                _ => {}
+            }
         }
         if self.color.view == self.output.view {
             return Err(Error::Binding("colour and output must be two images".into()));
         }
-        Ok(())
+        self.noise.iter().for_each(|noise| planes.tell_noise(noise.kind));
+        Ok(planes)
     }
 }

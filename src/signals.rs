@@ -5,9 +5,10 @@
 //! and the denoiser be made with [`Options::signals`](crate::Options::signals). `docs/signals.md` has the rules.
 
 use crate::error::{Error, Result};
+use crate::formats::SampleFormat;
 use crate::frame::{Extent, Plane, PlaneMut};
-use crate::kernels::signals::SignalArgs;
 pub use crate::kernels::signals::SignalKind;
+use crate::kernels::signals::SignalRows;
 use crate::net::Arch;
 use crate::renderer::BufferPlane;
 use crate::vk::device::Device;
@@ -51,19 +52,24 @@ impl BufferSignal {
     ///
     /// # Safety
     /// The buffers must be as their fields say.
-    pub(crate) unsafe fn resolve(&self, device: &Device, extent: Extent, output_half: bool) -> Result<SignalArgs> {
+    pub(crate) unsafe fn resolve(&self, device: &Device, extent: Extent, output_half: bool) -> Result<SignalRows> {
         self.kind.check(self.channels)?;
         let channels = self.channels as usize;
+        let floats = [SampleFormat::F32, SampleFormat::F16];
+        if let Some(other) = [&self.plane, &self.output].into_iter().find(|plane| !floats.contains(&plane.format)) {
+            let reason = format!("a signal's samples are {:?}; they can be {floats:?}", other.format);
+            return Err(Error::Binding(reason));
+        }
         // SAFETY: the caller vouches for the buffers.
         let (plane, output) = unsafe {
             let plane = self.plane.resolve(device, "signal", extent, channels)?;
             (plane, self.output.resolve(device, "signal's output", extent, channels)?)
         };
-        if output.half != output_half {
+        if output.format.is_half() != output_half {
             let reason = "a signal's output has samples of another type than the frame's output; give both the same";
             return Err(Error::Binding(reason.into()));
         }
-        Ok(SignalArgs { kind: self.kind, channels: self.channels, plane, output })
+        Ok(SignalRows { kind: self.kind, channels: self.channels, plane, output })
     }
 }
 

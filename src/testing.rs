@@ -6,12 +6,14 @@ use crate::engine;
 use crate::error::{Error, Result};
 use crate::frame::{Extent, Frame, Layout, PlaneMut};
 use crate::kernels::contract::Need;
-use crate::kernels::{Addresses, BufferId, Call, FrameArgs, KernelTarget, PlaneArgs, TexelRange};
+use crate::kernels::planes::{Format, PlaneArgs, Planes};
+use crate::kernels::{Addresses, BufferId, Call, FrameArgs, KernelTarget, TexelRange};
 use crate::net::op::Stage;
 use crate::net::weights::Weights;
 use crate::options::Options;
 use crate::pipelines::Pipelines;
 use crate::plan::{Dispatch, Plan};
+use crate::planes::PlaneTable;
 use crate::record::Recording;
 use crate::target::prefers_cpu_kernels;
 use crate::tiled;
@@ -36,7 +38,9 @@ pub struct Bench {
     /// What kernels are chosen for.
     pub target: KernelTarget,
     /// Planes of the frame that the calls read and write; [`Bench::plane`] makes them.
-    pub planes: FrameArgs,
+    pub planes: Planes,
+    /// What else the calls know of the frame; the table of planes is made of [`Bench::planes`].
+    pub frame: FrameArgs,
 }
 
 impl Bench {
@@ -51,7 +55,8 @@ impl Bench {
             pipelines: Pipelines::new(device),
             buffers: Vec::new(),
             target,
-            planes: FrameArgs::default(),
+            planes: Planes::default(),
+            frame: FrameArgs::default(),
         })
     }
 
@@ -98,7 +103,7 @@ impl Bench {
     /// A plane of 32-bit samples that begins at the buffer's start.
     pub fn plane(&self, id: BufferId, pixel: u32, row: u32, channel: u32) -> PlaneArgs {
         let address = self.address(id);
-        PlaneArgs { address, offset: 0, pixel, row, channel, half: false, present: true }
+        PlaneArgs { address, pixel, row, channel, format: Format::F32, ..PlaneArgs::default() }
     }
 
     /// Whether every guard is whole; `used` gives the bytes in use of each buffer, in order of making.
@@ -125,7 +130,9 @@ impl Bench {
             calls.iter().map(|call| Dispatch::new("", Stage::Input, 0, call.clone(), self.target)).collect();
         dispatches.iter_mut().for_each(|dispatch| dispatch.barrier = true);
         let pipelines = self.pipelines.for_dispatches(&dispatches)?;
-        let Self { submission, device, buffers, planes, .. } = self;
+        let Self { submission, device, buffers, planes, frame, .. } = self;
+        let table = PlaneTable::new(device, planes, &[])?;
+        let frame = FrameArgs { planes: table.address(), ..*frame };
         let texels = |range: &TexelRange| {
             let (_, buffer) = &buffers[range.buffer.0];
             let offset = GUARD as u64 + range.offset;
@@ -136,7 +143,7 @@ impl Bench {
         let sets = unsafe { DescriptorSets::new(device, &dispatches, &pipelines, &resources)? };
         let recording = Recording {
             device,
-            addresses: Addresses { buffer: &|id| buffers[id.0].1.address() + GUARD as u64, frame: *planes },
+            addresses: Addresses { buffer: &|id| buffers[id.0].1.address() + GUARD as u64, frame },
             buffers: &|id| (buffers[id.0].1.raw(), GUARD as u64),
             pipelines: &pipelines,
             sets: &sets,

@@ -6,6 +6,7 @@ use common::device::assert_no_validation_messages;
 use common::planes::{TestFrame, TestPlane};
 use common::random::Random;
 use common::rig::{Rig, words};
+use vkdenoise::kernels::planes::{Format, PlaneArgs, Role};
 use vkdenoise::kernels::quiet::{
     ALWAYS, Fill, MapSize, QuietMap, REACHES, Reach, Sample, TileList, TileNoise, list_bytes,
 };
@@ -69,8 +70,8 @@ fn tile_noise() {
             frame.upload(&mut rig.bench, &mut used);
             let mut view = frame.frame();
             if let (Some(plane), Some(kind)) = (&noise, kind) {
-                rig.bench.planes.noise = plane.upload(&mut rig.bench, &mut used);
-                rig.bench.planes.noise_kind = *kind;
+                let row = plane.upload(&mut rig.bench, &mut used);
+                rig.bench.planes[Role::Noise] = PlaneArgs { format: row.format.of_noise(*kind), ..row };
                 view.features.noise = Some(Noise { plane: plane.plane(), kind: *kind });
             }
             rig.reference.set_frame(&view, None, 0.0).unwrap();
@@ -192,13 +193,13 @@ fn quiet_maps_and_their_lists() {
         let noise = random.values(size.tiles() as usize, 0.0, [0.9, 1.003, 1.05, 2.0, 900.0][round / 5]);
         rig.set_floats(src, &noise);
         let counted = round % 2 == 0;
-        rig.bench.planes.quiet_threshold = 1.0;
+        rig.bench.frame.quiet_threshold = 1.0;
         rig.reference.set_quiet_threshold(1.0);
         let frame = TestFrame::of_color(extent, vec![0.0; 3 * extent.pixels() as usize]);
         let plane = TestPlane::packed(extent, 1, vec![1.0; extent.pixels() as usize]);
         let mut view = frame.frame();
         if counted {
-            (rig.bench.planes.noise.present, rig.bench.planes.noise_kind) = (true, NoiseKind::Samples);
+            rig.bench.planes[Role::Noise].format = Format::F32.of_noise(NoiseKind::Samples);
             view.features.noise = Some(Noise { plane: plane.plane(), kind: NoiseKind::Samples });
         }
         rig.reference.set_frame(&view, None, 0.0).unwrap();

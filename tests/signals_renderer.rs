@@ -77,14 +77,14 @@ fn bytes(format: SampleFormat, samples: &[f32]) -> Vec<u8> {
     let samples = std::iter::once(&9.0).chain(samples);
     match format {
         SampleFormat::F32 => samples.flat_map(|sample| sample.to_ne_bytes()).collect(),
-        SampleFormat::F16 => samples.flat_map(|sample| f16::from_f32(*sample).to_ne_bytes()).collect(),
+        _ => samples.flat_map(|sample| f16::from_f32(*sample).to_ne_bytes()).collect(),
     }
 }
 
 fn floats(format: SampleFormat, bytes: &[u8]) -> Vec<f32> {
     match format {
         SampleFormat::F32 => bytes.chunks_exact(4).map(|b| f32::from_ne_bytes([b[0], b[1], b[2], b[3]])).collect(),
-        SampleFormat::F16 => bytes.chunks_exact(2).map(|b| f16::from_ne_bytes([b[0], b[1]]).to_f32()).collect(),
+        _ => bytes.chunks_exact(2).map(|b| f16::from_ne_bytes([b[0], b[1]]).to_f32()).collect(),
     }
 }
 

@@ -9,8 +9,9 @@ use common::random::Random;
 use half::f16;
 use vkdenoise::frame::{Extent, Region};
 use vkdenoise::kernels::frame_io::{Fireflies, InputAux, InputColor, Output};
+use vkdenoise::kernels::planes::{Format, PlaneArgs, Role};
 use vkdenoise::kernels::stats::{self, Clear, Counted, Histogram, Select, TileStats};
-use vkdenoise::kernels::{BufferId, Call, KernelTarget, PlaneArgs, Storage, Tiles, View};
+use vkdenoise::kernels::{BufferId, Call, KernelTarget, Storage, Tiles, View};
 use vkdenoise::net::{Block, Convolution, Weights};
 use vkdenoise::plan::{Buffer, Place};
 use vkdenoise::reference::Reference;
@@ -316,7 +317,7 @@ fn statistics() {
         rig.compare_tile_stats(2e-6);
         let has_gaps = rig.reference.buffer(TILE_STATS).iter().any(|mean| mean.is_nan());
         assert_eq!(has_gaps, name.starts_with("all bad") || name.starts_with("all infinite"), "{name}");
-        rig.bench.planes.exposure = Some(3.5);
+        rig.bench.frame.exposure = Some(3.5);
         rig.bench.run(std::slice::from_ref(&key)).unwrap();
         assert_eq!(rig.download(STATS)[2], 3.5, "{name}: a fixed exposure is taken as it is");
         exposure_by_buffer(&mut rig, &key);
@@ -328,14 +329,14 @@ fn statistics() {
 fn exposure_by_buffer(rig: &mut Rig, key: &Call) {
     let [given, told] = [4, 16].map(|bytes| rig.bench.buffer("of the caller", bytes).unwrap());
     let address = |rig: &Rig, id| rig.bench.plane(id, 1, 1, 1).address;
-    rig.bench.planes.exposure_at = Some(address(rig, given));
-    rig.bench.planes.told_at = Some(address(rig, told));
+    rig.bench.frame.exposure_at = Some(address(rig, given));
+    rig.bench.frame.told_at = Some(address(rig, told));
     for (value, expected) in [(0.7, 0.7), (0.0, 3.5), (-1.0, 3.5), (f32::NAN, 3.5), (f32::INFINITY, 3.5), (1e-40, 3.5)]
     {
         rig.bench.upload(given, &[value]);
         rig.bench.run(std::slice::from_ref(key)).unwrap();
         let stats = rig.download(STATS);
-        let depth_scale = if rig.bench.planes.depth.present { rig.download(DEPTH_SCALE)[0] } else { 0.0 };
+        let depth_scale = if rig.bench.planes.has(Role::Depth) { rig.download(DEPTH_SCALE)[0] } else { 0.0 };
         assert_eq!(stats[stats::EXPOSURE], expected, "{} given {value}", rig.name);
         let told = rig.bench.download(told, 4);
         assert_eq!(told, [expected, depth_scale, stats[stats::KEY], stats[stats::NOISE]], "{}", rig.name);
@@ -383,7 +384,7 @@ fn the_way_in() {
         for fireflies in [Fireflies::Auto, Fireflies::Keep, Fireflies::Mend] {
             let noise = [0.1, 0.6][i % 2];
             rig.set(STATS, &[f32::NAN, key, 0.18 / key, noise, 7.0 * key, 3.0 * key, 1e6 * key]);
-            rig.bench.planes.fireflies = fireflies;
+            rig.bench.frame.fireflies = fireflies;
             rig.reference.set_fireflies(fireflies);
             let dst = log_color(frame.extent);
             rig.run(&[Call::InputColor(InputColor {
@@ -434,7 +435,7 @@ fn the_way_out() {
         let blend = [0.0, 0.25, 1.0][i % 3];
         rig.reference.set_frame(&frame.frame(), None, blend.into()).unwrap();
         rig.reference.set_output_half(output_half);
-        rig.bench.planes.blend = blend;
+        rig.bench.frame.blend = blend;
         let (output, len) = output_plane(&mut rig, extent, output_half);
         let tiles = tiles(&mut rig, extent, i % 2 == 0 && extent.width > 8);
         let Extent { width, height } = extent;
@@ -487,7 +488,8 @@ fn output_plane(rig: &mut Rig, extent: Extent, half: bool) -> (BufferId, usize) 
     rig.bench.upload(id, &vec![f32::from_bits(0x7fff_7fff); floats]);
     let [pixel, row, channel] = [layout.pixel_stride, layout.row_stride, layout.channel_stride].map(|s| s as u32);
     let plane = rig.bench.plane(id, pixel, row, channel);
-    rig.bench.planes.output = PlaneArgs { offset: layout.offset as u32, half, ..plane };
+    let format = if half { Format::F16 } else { Format::F32 };
+    rig.bench.planes[Role::Output] = PlaneArgs { offset: layout.offset as u32, format, ..plane };
     (id, floats)
 }
 

@@ -1,13 +1,13 @@
 // Radiance of a pixel, as the caller wrote it.
+#ifndef IMAGES
+// Loaded once: CPU drivers load by an address lane after lane.
+Plane color_plane = planes.color;
+#endif
+
 vec3 read_color(uvec2 at) {
 #ifdef IMAGES
     return texelFetch(color_image, ivec2(at), 0).rgb;
 #else
-    bool half_floats = (flags & FLAG_COLOR_HALF) != 0u;
-    uint index = color_offset + at.y * color_row + at.x * color_pixel;
-    return vec3(
-        plane_sample(color, index, half_floats),
-        plane_sample(color, index + color_channel, half_floats),
-        plane_sample(color, index + 2u * color_channel, half_floats));
+    return float_samples(color_plane, at);
 #endif
 }

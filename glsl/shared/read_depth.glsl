@@ -1,10 +1,21 @@
-// Depth of a pixel; 0 for background: non-finite, not above 0, or as large as renderers write for "nothing".
+// Depth of a pixel; 0 for background: non-finite, not above 0, at the far plane of a projection, or as large as
+// renderers write for "nothing".
+Plane depth_plane = planes.depth;
+
 float read_depth(uvec2 at) {
+    uint format = depth_plane.format;
 #ifdef IMAGES
     float d = texelFetch(depth_image, ivec2(at), 0).r;
 #else
-    float d = plane_sample(depth, depth_offset + at.y * depth_row + at.x * depth_pixel, (flags & FLAG_DEPTH_HALF) != 0u);
+    float d = any_sample(depth_plane, plane_index(depth_plane, at), 0u);
 #endif
-    float background = (flags & FLAG_DEPTH_HALF) != 0u ? 65000.0 : 1e9;
+    bool is_projected = (format & (FORMAT_ORTHOGRAPHIC | FORMAT_PERSPECTIVE)) != 0u;
+    if (is_projected) {
+        bool is_far = (format & FORMAT_REVERSED) != 0u ? d <= 0.0 : d >= 1.0;
+        precise float linear = depth_plane.bias + d * depth_plane.scale;
+        d = (format & FORMAT_PERSPECTIVE) != 0u ? 1.0 / linear : linear;
+        if (is_far) d = 0.0;
+    }
+    float background = is_half(format) && !is_projected ? 65000.0 : 1e9;
     return is_finite(d) && d > 0.0 && d < background ? d : 0.0;
 }

@@ -4,24 +4,12 @@ use super::contracts::{self, halves};
 use super::pushes::{InputAuxPush, InputColorPush, OutputPush};
 use super::stats::STATS_FLOATS;
 use super::{
-    Access, Addresses, BufferId, Grid, Kernel, KernelTarget, PlaneArgs, PushBytes, Scale, TILE, Tiles, Traffic,
+    Access, Addresses, BufferId, Grid, Kernel, KernelTarget, PushBytes, Scale, TILE, Tiles, Traffic,
     Variant, View, by_storage, flags, groups,
 };
 use crate::error::{Error, Result};
 use crate::frame::Region;
 use std::str::FromStr;
-
-pub(super) fn color_flags(plane: &PlaneArgs) -> u32 {
-    plane_flags(plane, flags::COLOR, flags::COLOR_HALF)
-}
-
-pub(super) fn depth_flags(plane: &PlaneArgs) -> u32 {
-    plane_flags(plane, flags::DEPTH, flags::DEPTH_HALF)
-}
-
-fn plane_flags(plane: &PlaneArgs, present: u32, half: u32) -> u32 {
-    (if plane.present { present } else { 0 }) | (if plane.half { half } else { 0 })
-}
 
 /// What is done with fireflies: pixels much brighter than all of their neighbours but one. To the network they are
 /// noise, and a path that found a lamp by chance is; a star is not.
@@ -99,22 +87,18 @@ impl Kernel for InputColor {
 
     fn push(&self, at: &Addresses) -> PushBytes {
         PushBytes::new(&InputColorPush {
-            color: at.frame.color.address,
+            planes: at.frame.planes,
             stats: at.of(self.stats),
             tile_stats: at.of(self.tile_stats),
             dst: at.view(&self.dst),
             tiles: at.tiles(&self.tiles),
-            color_offset: at.frame.color.offset,
-            color_pixel: at.frame.color.pixel,
-            color_row: at.frame.color.row,
-            color_channel: at.frame.color.channel,
             width: self.width,
             height: self.height,
             tiles_x: self.width.div_ceil(TILE),
             dst_width: self.dst.width,
             first_tile: self.tiles.first(),
             tile_count: self.tiles.count(self.dst.width, self.dst.height),
-            flags: color_flags(&at.frame.color) | firefly_flags(at.frame.fireflies) | self.tiles.flags(self.dst.width),
+            flags: firefly_flags(at.frame.fireflies) | self.tiles.flags(self.dst.width),
             unused: 0,
         })
     }
@@ -177,35 +161,17 @@ impl Kernel for InputAux {
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {
-        let planes = plane_flags(&at.frame.albedo, flags::ALBEDO, flags::ALBEDO_HALF)
-            | plane_flags(&at.frame.normal, flags::NORMAL, flags::NORMAL_HALF)
-            | depth_flags(&at.frame.depth)
-            | self.tiles.flags(self.dst.width);
         PushBytes::new(&InputAuxPush {
-            albedo: at.frame.albedo.address,
-            normal: at.frame.normal.address,
-            depth: at.frame.depth.address,
+            planes: at.frame.planes,
             depth_scale: at.of(self.depth_scale),
             dst: at.view(&self.dst),
             tiles: at.tiles(&self.tiles),
-            albedo_offset: at.frame.albedo.offset,
-            albedo_pixel: at.frame.albedo.pixel,
-            albedo_row: at.frame.albedo.row,
-            albedo_channel: at.frame.albedo.channel,
-            normal_offset: at.frame.normal.offset,
-            normal_pixel: at.frame.normal.pixel,
-            normal_row: at.frame.normal.row,
-            normal_channel: at.frame.normal.channel,
-            depth_offset: at.frame.depth.offset,
-            depth_pixel: at.frame.depth.pixel,
-            depth_row: at.frame.depth.row,
             width: self.width,
             height: self.height,
             dst_width: self.dst.width,
             first_tile: self.tiles.first(),
             tile_count: self.tiles.count(self.dst.width, self.dst.height),
-            flags: planes,
-            unused: 0,
+            flags: self.tiles.flags(self.dst.width),
         })
     }
 
@@ -271,18 +237,9 @@ impl Kernel for Output {
             residual: at.view(&self.residual),
             log_color: at.view(&self.log_color),
             stats: at.of(self.stats),
-            dst: at.frame.output.address,
+            planes: at.frame.planes,
             tiles: at.tiles(&self.tiles),
-            dst_offset: at.frame.output.offset,
-            dst_pixel: at.frame.output.pixel,
-            dst_row: at.frame.output.row,
-            dst_channel: at.frame.output.channel,
-            color: at.frame.color.address,
             map: self.quiet.map_or(0, |map| at.of(map)),
-            color_offset: at.frame.color.offset,
-            color_pixel: at.frame.color.pixel,
-            color_row: at.frame.color.row,
-            color_channel: at.frame.color.channel,
             left: self.region.x,
             top: self.region.y,
             right: self.region.right(),
@@ -292,7 +249,6 @@ impl Kernel for Output {
             first_tile: self.tiles.first(),
             tile_count: self.tiles.count(self.width, self.height),
             flags: self.tiles.flags(self.width)
-                | color_flags(&at.frame.color)
                 | self.quiet.map_or(0, |_| flags::QUIET)
                 | if self.radiance { flags::RADIANCE } else { 0 },
             blend: at.frame.blend,

@@ -16,6 +16,7 @@ pub mod film;
 pub mod frame_io;
 pub mod maps;
 pub mod on_matrices;
+pub mod planes;
 pub mod predicted;
 pub(crate) mod pushes;
 pub mod quiet;
@@ -30,7 +31,6 @@ pub mod window_attention;
 pub mod winograd;
 
 use contract::Specialisation;
-use crate::frame::NoiseKind;
 use variant::by_storage;
 
 pub use crate::net::op::{Activation, Shuffle};
@@ -129,44 +129,13 @@ impl View {
     }
 }
 
-/// A plane of the frame, as the caller's buffer has it. Strides and offset count samples.
-#[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
-pub struct PlaneArgs {
-    /// Device address, a multiple of 4 bytes.
-    pub address: u64,
-    /// First sample.
-    pub offset: u32,
-    /// From pixel to pixel.
-    pub pixel: u32,
-    /// From row to row.
-    pub row: u32,
-    /// From channel to channel.
-    pub channel: u32,
-    /// Whether samples are halves.
-    pub half: bool,
-    /// Whether there is such a plane.
-    pub present: bool,
-}
-
-/// The frame of one recording: its planes, and what may change from frame to frame.
+/// The frame of one recording: where its planes are told, and what may change from frame to frame.
 #[derive(Clone, Copy, Debug, Default)]
 pub struct FrameArgs {
-    /// The colour plane.
-    pub color: PlaneArgs,
-    /// The albedo plane.
-    pub albedo: PlaneArgs,
-    /// The normal plane.
-    pub normal: PlaneArgs,
-    /// The depth plane.
-    pub depth: PlaneArgs,
-    /// What is known of the colour's noise.
-    pub noise: PlaneArgs,
-    /// What that is.
-    pub noise_kind: NoiseKind,
+    /// Device address of the table of planes ([`planes::Planes`]).
+    pub planes: u64,
     /// Relative noise below which nothing is denoised, where the plan leaves that out.
     pub quiet_threshold: f32,
-    /// The output plane.
-    pub output: PlaneArgs,
     /// The signal beside the colour that is being recorded.
     pub signal: Option<signals::SignalArgs>,
     /// Factor on the colour; `None`: the frame's own.
@@ -307,22 +276,9 @@ mod flags {
     pub const GIVEN: u32 = 1;
     pub const TOLD: u32 = 2;
     pub const RADIANCE: u32 = 32;
-    pub const COLOR_HALF: u32 = 1 << 8;
-    pub const COLOR: u32 = 1 << 9;
-    pub const SIGNAL_HALF: u32 = 1 << 10;
-    pub const SIGNAL_ODD: u32 = 1 << 11;
     pub const SIGNAL_ONE: u32 = 1 << 12;
     pub const LIGHT: u32 = 1 << 13;
     pub const ALPHA: u32 = 1 << 14;
-    pub const ALBEDO_HALF: u32 = 1 << 10;
-    pub const ALBEDO: u32 = 1 << 11;
-    pub const NORMAL_HALF: u32 = 1 << 12;
-    pub const NORMAL: u32 = 1 << 13;
-    pub const DEPTH_HALF: u32 = 1 << 14;
-    pub const DEPTH: u32 = 1 << 15;
-    pub const NOISE_HALF: u32 = 1 << 16;
-    pub const VARIANCE: u32 = 1 << 17;
-    pub const SAMPLES: u32 = 1 << 18;
 }
 
 impl std::fmt::Display for Specialisation {

@@ -7,14 +7,13 @@
 //! 4. [`Fill`] writes zeros where tiles are read that are not active.
 
 use super::contracts::{self, halves};
-use super::frame_io::{color_flags, depth_flags};
 use super::pushes::{FillPush, QuietMapPush, TileListPush, TileNoisePush};
 use super::stats::STATS_FLOATS;
 use super::{
     Access, Addresses, BufferId, Grid, Kernel, KernelTarget, PushBytes, Scale, TILE, Tiles, Traffic, Variant, View,
-    by_storage, flags, groups,
+    by_storage, groups,
 };
-use crate::frame::{Extent, NoiseKind, Region};
+use crate::frame::{Extent, Region};
 use std::cmp::Ordering;
 
 /// Pixels of a square of the map, on a side.
@@ -79,37 +78,14 @@ impl Kernel for TileNoise {
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {
-        let noise = &at.frame.noise;
-        let noise_flags = match (noise.present, at.frame.noise_kind) {
-            (false, _) => 0,
-            (true, NoiseKind::Variance) => flags::VARIANCE,
-            (true, NoiseKind::Samples) => flags::SAMPLES,
-        };
         PushBytes::new(&TileNoisePush {
-            color: at.frame.color.address,
-            depth: at.frame.depth.address,
-            noise: noise.address,
+            planes: at.frame.planes,
             stats: at.of(self.stats),
             dst: at.of(self.dst),
-            color_offset: at.frame.color.offset,
-            color_pixel: at.frame.color.pixel,
-            color_row: at.frame.color.row,
-            color_channel: at.frame.color.channel,
-            depth_offset: at.frame.depth.offset,
-            depth_pixel: at.frame.depth.pixel,
-            depth_row: at.frame.depth.row,
-            noise_offset: noise.offset,
-            noise_pixel: noise.pixel,
-            noise_row: noise.row,
             width: self.frame.width,
             height: self.frame.height,
             columns: self.map.columns,
             tile_count: self.map.tiles(),
-            flags: color_flags(&at.frame.color)
-                | depth_flags(&at.frame.depth)
-                | noise_flags
-                | if noise.half { flags::NOISE_HALF } else { 0 },
-            unused: 0,
         })
     }
 
@@ -163,11 +139,11 @@ impl Kernel for QuietMap {
 
     fn push(&self, at: &Addresses) -> PushBytes {
         let [left, top, right, bottom] = self.wanted();
-        let counted = at.frame.noise.present && at.frame.noise_kind == NoiseKind::Samples;
         PushBytes::new(&QuietMapPush {
             src: at.of(self.src),
             map: at.of(self.map),
             sums: at.of(self.sums),
+            planes: at.frame.planes,
             columns: self.size.columns,
             rows: self.size.rows,
             left,
@@ -177,7 +153,7 @@ impl Kernel for QuietMap {
             threshold: at.frame.quiet_threshold,
             real_columns: self.real.columns,
             real_rows: self.real.rows,
-            spread: u32::from(!counted),
+            unused: 0,
         })
     }
 

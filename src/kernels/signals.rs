@@ -2,11 +2,12 @@
 //! ([`crate::signals`]).
 
 use super::contracts;
-use super::frame_io::{color_flags, firefly_flags};
+use super::frame_io::firefly_flags;
+use super::planes::PlaneArgs;
 use super::pushes::{InputSignalPush, OutputSignalPush};
 use super::stats::STATS_FLOATS;
 use super::{
-    Access, Addresses, BufferId, Grid, Kernel, KernelTarget, PlaneArgs, PushBytes, Scale, Storage, Tiles, Traffic,
+    Access, Addresses, BufferId, Grid, Kernel, KernelTarget, PushBytes, Scale, Storage, Tiles, Traffic,
     Variant, View, by_storage, flags, groups,
 };
 use crate::error::{Error, Result};
@@ -40,9 +41,9 @@ impl SignalKind {
     }
 }
 
-/// A signal of one recording.
+/// A signal that is bound: its planes as rows of the table.
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct SignalArgs {
+pub struct SignalRows {
     /// What it is.
     pub kind: SignalKind,
     /// Channels, 1 or 3.
@@ -53,26 +54,33 @@ pub struct SignalArgs {
     pub output: PlaneArgs,
 }
 
+/// A signal of one recording.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct SignalArgs {
+    /// What it is.
+    pub kind: SignalKind,
+    /// Channels, 1 or 3.
+    pub channels: u32,
+    /// Device address of its rows in the table of planes: its samples, then where they go.
+    pub planes: u64,
+}
+
 impl SignalArgs {
-    /// The address of the word that the first sample lies in, and the flags that say what the signal is.
-    fn source(&self) -> (u64, u32) {
-        let bytes = if self.plane.half { 2 } else { 4 };
-        let first = self.plane.address + u64::from(self.plane.offset) * bytes;
+    /// The flags that say what the signal is.
+    fn flags(&self) -> u32 {
         let flags = [
-            (self.plane.half, flags::SIGNAL_HALF),
-            (!first.is_multiple_of(4), flags::SIGNAL_ODD),
             (self.channels == 1, flags::SIGNAL_ONE),
             (self.kind == SignalKind::Light, flags::LIGHT),
             (self.kind == SignalKind::Alpha, flags::ALPHA),
         ];
-        (first & !3, flags.into_iter().filter(|(is, _)| *is).map(|(_, flag)| flag).sum())
+        flags.into_iter().filter(|(is, _)| *is).map(|(_, flag)| flag).sum()
     }
 }
 
 /// The signal that is being recorded; one that is not there has no samples.
 fn signal(at: &Addresses) -> SignalArgs {
-    let none = PlaneArgs::default();
-    at.frame.signal.unwrap_or(SignalArgs { kind: SignalKind::Value, channels: 1, plane: none, output: none })
+    let none = SignalArgs { kind: SignalKind::Value, channels: 1, planes: at.frame.planes };
+    at.frame.signal.unwrap_or(none)
 }
 
 /// A signal to what predicted kernels read: the reliability times the image, and the reliability. Then what goes
@@ -132,36 +140,24 @@ impl Kernel for InputSignal {
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {
-        let (signal, color) = (signal(at), &at.frame.color);
-        let (address, signal_flags) = signal.source();
+        let signal = signal(at);
         PushBytes::new(&InputSignalPush {
-            color: color.address,
+            planes: at.frame.planes,
+            signal: signal.planes,
             stats: at.of(self.stats),
             tile_stats: at.of(self.tile_stats),
-            signal: address,
             taps: at.view(&self.taps),
             albedo: at.view(&self.albedo),
             dst: at.view(&self.dst),
             tiles: at.tiles(&self.tiles),
-            color_offset: color.offset,
-            color_pixel: color.pixel,
-            color_row: color.row,
-            color_channel: color.channel,
-            signal_pixel: signal.plane.pixel,
-            signal_row: signal.plane.row,
-            signal_channel: signal.plane.channel,
             width: self.width,
             height: self.height,
             dst_width: self.dst.width,
             strides: (self.taps.stride / 4) | ((self.albedo.stride / 4) << 8),
             first_tile: self.tiles.first(),
             tile_count: self.tiles.count(self.dst.width, self.dst.height),
-            flags: color_flags(color) & flags::COLOR_HALF
-                | firefly_flags(at.frame.fireflies)
-                | signal_flags
-                | self.tiles.flags(self.dst.width),
+            flags: firefly_flags(at.frame.fireflies) | signal.flags() | self.tiles.flags(self.dst.width),
             blend: at.frame.blend,
-            unused: 0,
         })
     }
 
@@ -226,23 +222,14 @@ impl Kernel for OutputSignal {
 
     fn push(&self, at: &Addresses) -> PushBytes {
         let signal = signal(at);
-        let (address, signal_flags) = signal.source();
-        let sample = if signal.output.half { 2 } else { 4 };
         PushBytes::new(&OutputSignalPush {
             filtered: at.view(&self.filtered),
             color: at.view(&self.color),
             direct: at.view(&self.input),
             stats: at.of(self.stats),
-            dst: signal.output.address + u64::from(signal.output.offset) * sample,
-            signal: address,
+            signal: signal.planes,
             map: self.quiet.map_or(0, |map| at.of(map)),
             tiles: at.tiles(&self.tiles),
-            dst_pixel: signal.output.pixel,
-            dst_row: signal.output.row,
-            dst_channel: signal.output.channel,
-            signal_pixel: signal.plane.pixel,
-            signal_row: signal.plane.row,
-            signal_channel: signal.plane.channel,
             left: self.region.x,
             top: self.region.y,
             right: self.region.right(),
@@ -250,7 +237,7 @@ impl Kernel for OutputSignal {
             src_width: self.filtered.width,
             first_tile: self.tiles.first(),
             tile_count: self.tiles.count(self.width, self.height),
-            flags: self.tiles.flags(self.width) | signal_flags | self.quiet.map_or(0, |_| flags::QUIET),
+            flags: self.tiles.flags(self.width) | signal.flags() | self.quiet.map_or(0, |_| flags::QUIET),
             blend: at.frame.blend,
             unused: 0,
         })

@@ -15,7 +15,6 @@
 //! `docs/neutral.md`.
 
 use super::contracts;
-use super::frame_io::{color_flags, depth_flags};
 use super::pushes::{StatsClearPush, StatsHistogramPush, StatsKeyPush, StatsSelectPush, StatsTilesPush};
 use super::{Addresses, BufferId, FrameArgs, Kernel, KernelTarget, PushBytes, TILE, Traffic, Variant, flags, groups};
 
@@ -105,22 +104,12 @@ impl Kernel for Histogram {
 
     fn push(&self, at: &Addresses) -> PushBytes {
         PushBytes::new(&StatsHistogramPush {
-            color: at.frame.color.address,
-            depth: at.frame.depth.address,
+            planes: at.frame.planes,
             histogram: at.of(self.histogram),
-            color_offset: at.frame.color.offset,
-            color_pixel: at.frame.color.pixel,
-            color_row: at.frame.color.row,
-            color_channel: at.frame.color.channel,
-            depth_offset: at.frame.depth.offset,
-            depth_pixel: at.frame.depth.pixel,
-            depth_row: at.frame.depth.row,
             width: self.width,
             height: self.height,
-            flags: match self.counted {
-                Counted::Luminance => color_flags(&at.frame.color),
-                Counted::Depth => depth_flags(&at.frame.depth),
-            },
+            of_depth: u32::from(self.counted == Counted::Depth),
+            unused: 0,
         })
     }
 
@@ -225,20 +214,14 @@ impl Kernel for TileStats {
 
     fn push(&self, at: &Addresses) -> PushBytes {
         PushBytes::new(&StatsTilesPush {
-            color: at.frame.color.address,
+            planes: at.frame.planes,
             stats: at.of(self.stats),
             tile_stats: at.of(self.dst),
             runs: at.of(self.runs),
-            color_offset: at.frame.color.offset,
-            color_pixel: at.frame.color.pixel,
-            color_row: at.frame.color.row,
-            color_channel: at.frame.color.channel,
             width: self.width,
             height: self.height,
             tiles_x: self.columns(),
             tile_count: self.tiles(),
-            flags: color_flags(&at.frame.color),
-            unused: 0,
         })
     }
 
@@ -284,11 +267,12 @@ impl Kernel for Key {
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {
-        let FrameArgs { exposure, exposure_at, told_at, depth, .. } = at.frame;
+        let FrameArgs { planes, exposure, exposure_at, told_at, .. } = at.frame;
         let set = |address: Option<u64>, flag| if address.is_some() { flag } else { 0 };
         // Drivers may load by an address before they ask whether to.
         let stats = at.of(self.stats);
         PushBytes::new(&StatsKeyPush {
+            planes,
             runs: at.of(self.runs),
             tile_stats: at.of(self.tile_stats),
             stats,
@@ -299,9 +283,7 @@ impl Kernel for Key {
             tiles_x: self.columns,
             tile_count: self.tiles,
             fixed_exposure: exposure.unwrap_or(0.0),
-            flags: set(exposure_at, flags::GIVEN)
-                | set(told_at, flags::TOLD)
-                | if depth.present { flags::DEPTH } else { 0 },
+            flags: set(exposure_at, flags::GIVEN) | set(told_at, flags::TOLD),
             unused: 0,
         })
     }

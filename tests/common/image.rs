@@ -14,22 +14,40 @@ pub struct RendererImage<'a> {
     extent: Extent,
 }
 
-const WHOLE: vk::ImageSubresourceRange = vk::ImageSubresourceRange {
-    aspect_mask: vk::ImageAspectFlags::COLOR,
-    base_mip_level: 0,
-    level_count: 1,
-    base_array_layer: 0,
-    layer_count: 1,
-};
+fn vk_format(format: ImageFormat) -> vk::Format {
+    match format {
+        ImageFormat::Rgba16F => vk::Format::R16G16B16A16_SFLOAT,
+        ImageFormat::Rgba32F => vk::Format::R32G32B32A32_SFLOAT,
+        ImageFormat::R32F => vk::Format::R32_SFLOAT,
+        ImageFormat::R16F => vk::Format::R16_SFLOAT,
+        ImageFormat::B10G11R11F => vk::Format::B10G11R11_UFLOAT_PACK32,
+        ImageFormat::Rgba8Unorm => vk::Format::R8G8B8A8_UNORM,
+        ImageFormat::Rgba8Srgb => vk::Format::R8G8B8A8_SRGB,
+        ImageFormat::Rgb10A2Unorm => vk::Format::A2B10G10R10_UNORM_PACK32,
+        ImageFormat::Rgba16Snorm => vk::Format::R16G16B16A16_SNORM,
+        ImageFormat::Rg16Snorm => vk::Format::R16G16_SNORM,
+        ImageFormat::Rg16F => vk::Format::R16G16_SFLOAT,
+        ImageFormat::Rg32F => vk::Format::R32G32_SFLOAT,
+        ImageFormat::D32F => vk::Format::D32_SFLOAT,
+        ImageFormat::D16Unorm => vk::Format::D16_UNORM,
+        other => panic!("{other:?} has no Vulkan format here"),
+    }
+}
+
+fn aspect(format: ImageFormat) -> vk::ImageAspectFlags {
+    match format {
+        ImageFormat::D32F | ImageFormat::D16Unorm => vk::ImageAspectFlags::DEPTH,
+        _ => vk::ImageAspectFlags::COLOR,
+    }
+}
+
+fn whole(format: ImageFormat) -> vk::ImageSubresourceRange {
+    vk::ImageSubresourceRange::default().aspect_mask(aspect(format)).level_count(1).layer_count(1)
+}
 
 impl<'a> RendererImage<'a> {
     /// An image with `values` of `channels` channels, alpha 1; zeroes where there are none.
     pub fn new(renderer: &'a Renderer, extent: Extent, format: ImageFormat, values: &[f32], channels: usize) -> Self {
-        let vk_format = match format {
-            ImageFormat::Rgba16F => vk::Format::R16G16B16A16_SFLOAT,
-            ImageFormat::Rgba32F => vk::Format::R32G32B32A32_SFLOAT,
-            ImageFormat::R32F => vk::Format::R32_SFLOAT,
-        };
         let pixels = extent.pixels() as usize;
         let texels: Vec<f32> = match (format, values) {
             (ImageFormat::R32F, []) => vec![0.0; pixels],
@@ -42,6 +60,18 @@ impl<'a> RendererImage<'a> {
             ImageFormat::Rgba16F => bytemuck::cast_slice(&halves),
             _ => bytemuck::cast_slice(&texels),
         };
+        Self::of_bytes(renderer, extent, format, bytes)
+    }
+
+    /// An image of these texels.
+    pub fn of_bytes(renderer: &'a Renderer, extent: Extent, format: ImageFormat, bytes: &[u8]) -> Self {
+        let vk_format = vk_format(format);
+        let is_output = matches!(format, ImageFormat::Rgba16F | ImageFormat::Rgba32F);
+        let usage = if is_output {
+            vk::ImageUsageFlags::STORAGE | vk::ImageUsageFlags::TRANSFER_SRC
+        } else {
+            vk::ImageUsageFlags::empty()
+        };
         let staging = renderer.buffer(bytes.len() as u64);
         staging.write(bytes);
         let info = vk::ImageCreateInfo::default()
@@ -51,12 +81,7 @@ impl<'a> RendererImage<'a> {
             .mip_levels(1)
             .array_layers(1)
             .samples(vk::SampleCountFlags::TYPE_1)
-            .usage(
-                vk::ImageUsageFlags::SAMPLED
-                    | vk::ImageUsageFlags::STORAGE
-                    | vk::ImageUsageFlags::TRANSFER_DST
-                    | vk::ImageUsageFlags::TRANSFER_SRC,
-            );
+            .usage(usage | vk::ImageUsageFlags::SAMPLED | vk::ImageUsageFlags::TRANSFER_DST);
         // SAFETY: plain image on our device.
         let (raw, view) = unsafe {
             let device = &renderer.device;
@@ -68,7 +93,7 @@ impl<'a> RendererImage<'a> {
                 .image(raw)
                 .view_type(vk::ImageViewType::TYPE_2D)
                 .format(vk_format)
-                .subresource_range(WHOLE);
+                .subresource_range(whole(format));
             (raw, device.create_image_view(&info, None).unwrap())
         };
         let image = Self { renderer, raw, view, format, extent };
@@ -127,7 +152,7 @@ impl<'a> RendererImage<'a> {
     fn region(&self) -> vk::BufferImageCopy {
         vk::BufferImageCopy::default()
             .image_subresource(vk::ImageSubresourceLayers {
-                aspect_mask: vk::ImageAspectFlags::COLOR,
+                aspect_mask: aspect(self.format),
                 mip_level: 0,
                 base_array_layer: 0,
                 layer_count: 1,
@@ -149,7 +174,7 @@ impl<'a> RendererImage<'a> {
             .old_layout(from_layout)
             .new_layout(vk::ImageLayout::GENERAL)
             .image(self.raw)
-            .subresource_range(WHOLE)];
+            .subresource_range(whole(self.format))];
         // SAFETY: the command buffer is recording.
         unsafe {
             let flags = vk::DependencyFlags::empty();

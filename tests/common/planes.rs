@@ -3,7 +3,7 @@
 use super::random::Random;
 use half::f16;
 use vkdenoise::frame::{Extent, Features, Frame, Layout, Plane};
-use vkdenoise::kernels::PlaneArgs;
+use vkdenoise::kernels::planes::{Format, PlaneArgs, Role};
 use vkdenoise::testing::Bench;
 
 /// Samples of a plane.
@@ -91,7 +91,8 @@ impl TestPlane {
         bench.upload(id, &floats);
         let Layout { offset, pixel_stride, row_stride, channel_stride } = self.layout;
         let args = bench.plane(id, pixel_stride as u32, row_stride as u32, channel_stride as u32);
-        PlaneArgs { offset: offset as u32, half: matches!(self.samples, Samples::F16(_)), ..args }
+        let format = if matches!(self.samples, Samples::F16(_)) { Format::F16 } else { Format::F32 };
+        PlaneArgs { offset: offset as u32, format, ..args }
     }
 }
 
@@ -164,9 +165,9 @@ impl TestFrame {
         let mut present = |bench: &mut Bench, plane: &Option<TestPlane>| {
             plane.as_ref().map_or_else(PlaneArgs::default, |plane| plane.upload(bench, used))
         };
-        bench.planes.albedo = present(bench, &self.albedo);
-        bench.planes.normal = present(bench, &self.normal);
-        bench.planes.depth = present(bench, &self.depth);
-        bench.planes.color = self.color.upload(bench, used);
+        bench.planes[Role::Albedo] = present(bench, &self.albedo);
+        bench.planes[Role::Normal] = present(bench, &self.normal);
+        bench.planes[Role::Depth] = present(bench, &self.depth);
+        bench.planes[Role::Color] = self.color.upload(bench, used);
     }
 }

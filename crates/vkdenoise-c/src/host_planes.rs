@@ -27,7 +27,7 @@ pub struct Plane {
     pub row_stride: usize,
     /// Bytes from a channel to the next of the same pixel; 0: a sample.
     pub channel_stride: usize,
-    /// A vkdenoise_sample_format.
+    /// A vkdenoise_sample_format of floats.
     pub format: u32,
     /// Must be 0.
     pub reserved: u32,
@@ -51,7 +51,7 @@ pub struct PlaneMut {
     pub row_stride: usize,
     /// Bytes from a channel to the next of the same pixel; 0: a sample.
     pub channel_stride: usize,
-    /// A vkdenoise_sample_format.
+    /// A vkdenoise_sample_format of floats.
     pub format: u32,
     /// Must be 0.
     pub reserved: u32,
@@ -79,7 +79,7 @@ impl NoiseKind {
 
 /// A plane of the caller's memory, checked.
 pub struct Memory {
-    format: SampleFormat,
+    half: bool,
     placed: Placed,
     channels: usize,
     /// Of the first sample.
@@ -96,8 +96,8 @@ impl Memory {
         format: u32,
         strides: [usize; 3],
     ) -> Result<Self, Failure> {
-        let format = SampleFormat::from_c(format, plane)?;
-        let bytes = format.bytes();
+        let half = SampleFormat::is_half(format, plane)?;
+        let bytes = sample_bytes(half);
         let mismatch = |reason: String| Err(Error::PlaneMismatch { plane, reason }.into());
         if address == 0 {
             return Err(Failure::argument(format!("the samples of the {plane} plane are NULL")));
@@ -106,7 +106,7 @@ impl Memory {
             return mismatch(format!("its samples lie at {address:#x}, which is no multiple of their {bytes} bytes"));
         }
         let [pixel, row, channel] = strides.map(|stride| stride as u64);
-        let placed = place(plane, extent, channels, format, 0, Strides { pixel, row, channel })?;
+        let placed = place(plane, extent, channels, bytes, 0, Strides { pixel, row, channel })?;
         let reached = placed.reach * bytes;
         if size != 0 && reached > size as u64 {
             return mismatch(format!("the frame reaches {reached} bytes of it, and it has {size}"));
@@ -114,11 +114,11 @@ impl Memory {
         if address.checked_add(reached as usize).is_none() {
             return mismatch("its strides reach beyond the end of memory".into());
         }
-        Ok(Self { format, placed, channels: channels as usize, address })
+        Ok(Self { half, placed, channels: channels as usize, address })
     }
 
     fn bytes(&self) -> Range<usize> {
-        self.address..self.address + (self.placed.reach * self.format.bytes()) as usize
+        self.address..self.address + (self.placed.reach * sample_bytes(self.half)) as usize
     }
 
     pub fn overlaps(&self, other: &Self) -> bool {
@@ -133,9 +133,9 @@ impl Memory {
         // SAFETY: not null, aligned, within the caller's memory and shorter than 2^63 bytes, all of which `new`
         // checked.
         unsafe {
-            match self.format {
-                SampleFormat::F32 => CorePlane::f32(slice::from_raw_parts(self.address as *const f32, len), layout),
-                SampleFormat::F16 => CorePlane::f16(slice::from_raw_parts(self.address as *const f16, len), layout),
+            match self.half {
+                false => CorePlane::f32(slice::from_raw_parts(self.address as *const f32, len), layout),
+                true => CorePlane::f16(slice::from_raw_parts(self.address as *const f16, len), layout),
             }
         }
     }
@@ -146,13 +146,9 @@ impl Memory {
         let (layout, len) = (self.placed.layout, self.placed.reach as usize);
         // SAFETY: as above.
         unsafe {
-            match self.format {
-                SampleFormat::F32 => {
-                    CorePlaneMut::f32(slice::from_raw_parts_mut(self.address as *mut f32, len), layout)
-                }
-                SampleFormat::F16 => {
-                    CorePlaneMut::f16(slice::from_raw_parts_mut(self.address as *mut f16, len), layout)
-                }
+            match self.half {
+                false => CorePlaneMut::f32(slice::from_raw_parts_mut(self.address as *mut f32, len), layout),
+                true => CorePlaneMut::f16(slice::from_raw_parts_mut(self.address as *mut f16, len), layout),
             }
         }
     }
@@ -171,15 +167,19 @@ impl Memory {
                     let at = to + channel * layout.channel_stride;
                     // SAFETY: within the plane's reach, as the region is within the frame.
                     unsafe {
-                        match self.format {
-                            SampleFormat::F32 => (self.address as *mut f32).add(at).write(*value),
-                            SampleFormat::F16 => (self.address as *mut f16).add(at).write(half(*value)),
+                        match self.half {
+                            false => (self.address as *mut f32).add(at).write(*value),
+                            true => (self.address as *mut f16).add(at).write(half(*value)),
                         }
                     }
                 }
             }
         }
     }
+}
+
+const fn sample_bytes(half: bool) -> u64 {
+    if half { 2 } else { 4 }
 }
 
 /// As the library writes halves: clamped to the largest.

@@ -4,7 +4,8 @@ use crate::choice::choice;
 use crate::status::Failure;
 use vkdenoise::{Error, Extent, Layout};
 
-/// How a plane's samples are stored.
+/// How a plane's samples are stored. Planes in the caller's memory are of floats; those in a renderer's buffers can be
+/// integers where it says so.
 #[repr(u32)]
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum SampleFormat {
@@ -12,19 +13,36 @@ pub enum SampleFormat {
     F32 = 0,
     /// 16-bit floats.
     F16 = 1,
+    /// Bytes from 0 to 1: albedo, normals. RGBA8 pixels have a pixel_stride of 4.
+    Unorm8 = 2,
+    /// 16 bits from 0 to 1: albedo, normals, depth.
+    Unorm16 = 3,
+    /// 16 bits from -1 to 1: normals.
+    Snorm16 = 4,
+    /// Words of 32 bits, a whole pixel each (VK_FORMAT_A2B10G10R10_UNORM_PACK32): normals.
+    Rgb10a2Unorm = 5,
 }
 
 impl SampleFormat {
-    pub fn from_c(format: u32, plane: &str) -> Result<Self, Failure> {
-        let choices = [Self::F32, Self::F16].map(|known| (known as u32, known));
-        choice(format, &format!("the {plane} plane's format"), "vkdenoise_sample_format", &choices)
+    /// Whether samples of the caller's memory are halves.
+    pub fn is_half(format: u32, plane: &str) -> Result<bool, Failure> {
+        let choices = [(Self::F32 as u32, false), (Self::F16 as u32, true)];
+        let name = format!("the {plane} plane's format");
+        choice(format, &name, "vkdenoise_sample_format of floats", &choices)
     }
 
-    pub const fn bytes(self) -> u64 {
-        match self {
-            Self::F32 => 4,
-            Self::F16 => 2,
-        }
+    /// The samples of a renderer's buffer.
+    pub fn from_c(format: u32, plane: &str) -> Result<vkdenoise::SampleFormat, Failure> {
+        let choices = [
+            (Self::F32, vkdenoise::SampleFormat::F32),
+            (Self::F16, vkdenoise::SampleFormat::F16),
+            (Self::Unorm8, vkdenoise::SampleFormat::Unorm8),
+            (Self::Unorm16, vkdenoise::SampleFormat::Unorm16),
+            (Self::Snorm16, vkdenoise::SampleFormat::Snorm16),
+            (Self::Rgb10a2Unorm, vkdenoise::SampleFormat::Rgb10A2Unorm),
+        ];
+        let choices = choices.map(|(number, format)| (number as u32, format));
+        choice(format, &format!("the {plane} plane's format"), "vkdenoise_sample_format", &choices)
     }
 }
 
@@ -43,7 +61,7 @@ pub struct Placed {
     pub reach: u64,
 }
 
-/// The layout in samples of a plane that begins `offset` bytes into its memory, and how far it reaches.
+/// The layout in samples, of so many bytes each, of a plane that begins `offset` bytes into its memory, and how far it reaches.
 ///
 /// # Errors
 /// Where the offset or a stride is no whole number of samples, or the last sample is beyond 2^63 bytes.
@@ -51,11 +69,10 @@ pub fn place(
     plane: &'static str,
     extent: Extent,
     channels: u64,
-    format: SampleFormat,
+    bytes: u64,
     offset: u64,
     strides: Strides,
 ) -> Result<Placed, Failure> {
-    let bytes = format.bytes();
     let or = |stride: u64, packed: u64| if stride == 0 { Some(packed) } else { Some(stride / bytes) };
     for (name, value) in [
         ("offset", offset),

@@ -104,6 +104,11 @@ fn a_renderers_images_and_what_its_path_refuses() {
 }
 
 #[test]
+fn the_formats_of_a_renderers_planes() {
+    run(&build("cc", "-std=c11", "tests/programs/formats.c", &["-lvulkan", "-lm"]));
+}
+
+#[test]
 fn what_the_host_path_refuses() {
     run(&build("cc", "-std=c11", "tests/programs/host_misuse.c", &["-pthread"]));
 }

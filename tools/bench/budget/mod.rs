@@ -4,8 +4,9 @@
 
 pub mod table;
 
+use vkdenoise::kernels::planes::{PlaneArgs, Role};
 use vkdenoise::kernels::window_attention::WindowAttention;
-use vkdenoise::kernels::{Call, KernelTarget, PlaneArgs, Storage, TILE, View};
+use vkdenoise::kernels::{Call, KernelTarget, Storage, TILE, View};
 use vkdenoise::net::{Graph, Weights};
 use vkdenoise::plan::pack::Pack;
 use vkdenoise::plan::{Dispatch, Place, Plan, plan};
@@ -94,10 +95,10 @@ fn run_on_device(
         }
     }
     let features = frame.features;
-    bench.planes.color = upload(&mut bench, Some(&frame.color))?;
-    bench.planes.albedo = upload(&mut bench, features.albedo.as_ref())?;
-    bench.planes.normal = upload(&mut bench, features.normal.as_ref())?;
-    bench.planes.depth = upload(&mut bench, features.depth.as_ref())?;
+    bench.planes[Role::Color] = upload(&mut bench, Some(&frame.color))?;
+    bench.planes[Role::Albedo] = upload(&mut bench, features.albedo.as_ref())?;
+    bench.planes[Role::Normal] = upload(&mut bench, features.normal.as_ref())?;
+    bench.planes[Role::Depth] = upload(&mut bench, features.depth.as_ref())?;
     let calls: Vec<Call> = plan.dispatches[..end].iter().map(|dispatch| dispatch.call.clone()).collect();
     bench.run(&calls)?;
     Ok(bench)

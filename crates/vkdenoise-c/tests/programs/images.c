@@ -134,7 +134,9 @@ static void refusals(const vkdenoise_pass *pass, const vkdenoise_pass *other, co
   vkdenoise_image_plane picture = *images->color;
   pictures.color = &picture;
   picture.format = VK_FORMAT_R8G8B8A8_UNORM;
-  REFUSED(vkdenoise_pass_bind_images(pass, &pictures, &none), invalid, "R8G8B8A8_UNORM");
+  REFUSED(vkdenoise_pass_bind_images(pass, &pictures, &none), VKDENOISE_STATUS_BINDING, "Rgba8Unorm");
+  picture.format = VK_FORMAT_R8_UNORM;
+  REFUSED(vkdenoise_pass_bind_images(pass, &pictures, &none), invalid, "R8_UNORM");
   picture = *images->color;
   picture.layout = VK_IMAGE_LAYOUT_UNDEFINED;
   REFUSED(vkdenoise_pass_bind_images(pass, &pictures, &none), VKDENOISE_STATUS_BINDING, "UNDEFINED");
@@ -330,10 +332,35 @@ int main(void) {
   EXPECT(*(float *)exposure.mapped == 0.75f);
   EXPECT(memcmp(first, second, 12) == 0);
 
-  // The images' output is in another layout now.
+  // The same normals as points of an octahedron: its middle, zeros. The images' output is in another layout now.
+  struct image octahedral = image_make(&own, VK_FORMAT_R16G16_SFLOAT);
+  vkdenoise_image_plane points = image_plane(&octahedral, read);
+  struct own_buffer middle = own_buffer_make(&own, 4 * PIXELS);
+  memset(middle.mapped, 0, 4 * PIXELS);
+  images.normal = &points;
+  vkdenoise_binding *none, *with_points;
+  REFUSED(vkdenoise_pass_bind_images(pass, &images, &none), VKDENOISE_STATUS_BINDING, "Octahedral");
+  images.normal_encoding = VKDENOISE_NORMAL_ENCODING_OCTAHEDRAL;
+  DENOISE(vkdenoise_pass_bind_images(pass, &images, &with_points));
+  options.statistics_buffer = 0;
   commands = own_begin(&own);
+  upload(commands, &middle, &octahedral, read);
   to_layout(commands, &pictures[3], VK_IMAGE_LAYOUT_UNDEFINED, general);
+  DENOISE(vkdenoise_pass_record(pass, commands, with_points, &options));
+  to_layout(commands, &pictures[3], general, VK_IMAGE_LAYOUT_TRANSFER_SRC_OPTIMAL);
+  vkCmdCopyImageToBuffer(commands, pictures[3].image, VK_IMAGE_LAYOUT_TRANSFER_SRC_OPTIMAL, by_images.buffer, 1,
+                         &whole);
+  to_layout(commands, &pictures[3], VK_IMAGE_LAYOUT_TRANSFER_SRC_OPTIMAL, general);
+  host_reads(commands);
   own_wait(&own, own_submit(&own, commands));
+  int same = 1;
+  for (int i = 0; i < PIXELS; i++) same &= memcmp(first + 4 * i, second + 4 * i, 12) == 0;
+  EXPECT(same);
+  vkdenoise_binding_destroy(with_points);
+  image_destroy(&own, &octahedral);
+  own_buffer_destroy(&own, &middle);
+  images.normal = &views[1];
+  images.normal_encoding = VKDENOISE_NORMAL_ENCODING_VECTOR;
   signals(&own, device, pass, buffers, first, images);
 
   vkdenoise_binding_destroy(in_buffers);
