@@ -31,6 +31,8 @@ pub(crate) struct Engine {
     pub exposure_rule: ExposureRule,
     /// Relative noise below which nothing is denoised, where the plans leave that out.
     pub quiet_threshold: f32,
+    /// Whether recordings label every kernel.
+    pub label_kernels: bool,
     /// Most device memory that a frame may take, in bytes.
     pub memory_budget: Option<u64>,
 }
@@ -51,7 +53,8 @@ impl Engine {
         let smallest = plan(&graph, Extent::new(1, 1), &target)?;
         let engine = Self::of_plan(device, graph, &smallest, weights, target)?;
         let quiet_threshold = options.quiet.map_or(0.0, |quiet| quiet.threshold);
-        Ok(Self { memory_budget: options.memory_budget, quiet_threshold, ..engine })
+        let Options { memory_budget, label_kernels, .. } = *options;
+        Ok(Self { memory_budget, quiet_threshold, label_kernels, ..engine })
     }
 
     /// For plans that pack the weights as `plan` does, which was made for `target`.
@@ -64,6 +67,7 @@ impl Engine {
             target,
             exposure_rule: weights.preprocessing().exposure,
             quiet_threshold: 0.0,
+            label_kernels: false,
             memory_budget: None,
         })
     }

@@ -17,9 +17,13 @@ fn plan_of(name: &str, extent: Extent, max_block_bytes: u64) -> Result<Plan, Err
     plan(&graph, extent, &Target { max_block_bytes, ..Target::default() })
 }
 
-fn spans(plan: &Plan, touched: &[(BufferId, u64)]) -> Vec<(usize, u64, u64)> {
+/// Bytes of a block, persistent or of the arena.
+type Span = ((bool, usize), u64, u64);
+
+fn spans(plan: &Plan, touched: &[(BufferId, u64)]) -> Vec<Span> {
     let span = |(id, _): &(BufferId, u64)| match plan.buffer(*id).place {
-        Place::Arena { block, offset } => Some((block, offset, offset + plan.buffer(*id).bytes)),
+        Place::Arena { block, offset } => Some(((false, block), offset, offset + plan.buffer(*id).bytes)),
+        Place::Persistent { block, offset } => Some(((true, block), offset, offset + plan.buffer(*id).bytes)),
         Place::Weights { .. } => None,
     };
     touched.iter().filter_map(span).collect()
@@ -51,6 +55,7 @@ fn plans_in(extent: Extent, max_block_bytes: u64) -> Vec<(String, Plan)> {
     });
     let halves = Target { storage: Storage::F16, max_block_bytes, ..Target::default() };
     let banded = Target { max_chain_bytes: 1 << 17, max_block_bytes, ..Target::default() };
+    let keeping = Target { keep_features: true, max_block_bytes, ..Target::default() };
     let headed = [Head::pure(), Head::gated()].map(|head| Graph::new(&Arch { head, ..Arch::hybrid() }).unwrap());
     let headed = headed.iter().flat_map(|graph| [halves, banded].map(|options| (graph, options)));
     let headed: Vec<_> = headed
@@ -59,7 +64,8 @@ fn plans_in(extent: Extent, max_block_bytes: u64) -> Vec<(String, Plan)> {
             (name, plan(graph, extent, &options).unwrap())
         })
         .collect();
-    let forms = forms.into_iter().chain([halves, banded, Target { separable: SeparableForm::Fused, ..banded }]);
+    let forms =
+        forms.into_iter().chain([halves, banded, keeping, Target { separable: SeparableForm::Fused, ..banded }]);
     let forms = forms.map(|options| (format!("{options:?}"), plan(&graph, extent, &options).unwrap()));
     named.chain(forms).chain(headed).collect()
 }
@@ -100,7 +106,7 @@ fn what_is_read_was_written_and_not_overwritten() {
 
 fn check_memory(name: &str, plan: &Plan, list: &[Dispatch]) {
     // Who wrote last: (block, start, end, buffer).
-    let mut memory: Vec<(usize, u64, u64, BufferId)> = Vec::new();
+    let mut memory: Vec<((bool, usize), u64, u64, BufferId)> = Vec::new();
     for dispatch in list {
         let traffic = dispatch.traffic();
         for (id, _) in &traffic.reads {

@@ -14,8 +14,8 @@ pub struct Request {
 /// Where a request went: (block, bytes from its start).
 pub type Placement = (usize, u64);
 
-/// Every placement is a multiple of this, enough for any vector load and for a GPU's cache lines.
-const ALIGNMENT: u64 = 256;
+/// Every placement is a multiple of this, enough for any vector load, for a GPU's cache lines and for views of texels.
+pub const ALIGNMENT: u64 = 256;
 
 /// Places every request in blocks of at most `max_block` bytes. Largest first, each at the lowest place that is free
 /// for its whole time (the greedy-by-size of Pisarchyk and Lee, "Efficient Memory Management for Deep Neural Net

@@ -34,7 +34,7 @@ pub fn plan(graph: &Graph, extent: Extent, options: &Target) -> Result<Plan> {
 }
 
 /// Plans a graph's operations alone, without the frame around them: the caller fills [`Plan::log_color`] and
-/// [`Plan::aux`] and reads [`Plan::residual`], which keep their places throughout.
+/// [`Plan::aux`] and reads [`Plan::residual`], which are persistent.
 ///
 /// # Errors
 /// As [`plan`].
@@ -275,7 +275,7 @@ impl<'a> Lowering<'a> {
         op_flops(self.graph, op, self.padded.width, self.padded.height).total()
     }
 
-    /// Places the buffers, those of `kept` for all the time, and finds the barriers. Fails with the size of a buffer
+    /// Places the buffers, those of `kept` in persistent memory, and finds the barriers. Fails with the size of a buffer
     /// that no block holds.
     fn finish(mut self, kept: &[BufferId]) -> Result<Plan, u64> {
         let options = self.options;
@@ -321,21 +321,24 @@ impl<'a> Lowering<'a> {
                 time.1 = time.1.max(last);
             }
         }
-        let in_arena: Vec<usize> = (0..self.buffers.len())
-            .filter(|&i| matches!(self.buffers[i].place, Place::Arena { .. }) && times[i].is_some())
-            .collect();
-        let requests: Vec<Request> = in_arena
-            .iter()
-            .filter_map(|&i| times[i].map(|time| (i, time)))
-            .map(|(i, (first, last))| {
-                let always = options.keep_all || kept.contains(&BufferId(i));
+        let (persistent, in_arena): (Vec<_>, Vec<_>) = (0..self.buffers.len())
+            .filter(|&i| matches!(self.buffers[i].place, Place::Arena { .. }))
+            .filter_map(|i| times[i].map(|time| (i, time)))
+            .partition(|(i, _)| kept.contains(&BufferId(*i)));
+        let place = |buffers: &[Buffer], which: &[(usize, (usize, usize))], always: bool| {
+            let request = |&(i, (first, last)): &(usize, (usize, usize))| {
                 let (first, last) = if always { (0, end) } else { (first, last) };
-                Request { bytes: self.buffers[i].bytes, first, last }
-            })
-            .collect();
-        let (placements, blocks) = arena::place(&requests, options.max_block_bytes)?;
-        for (&i, (block, offset)) in in_arena.iter().zip(placements) {
+                Request { bytes: buffers[i].bytes, first, last }
+            };
+            arena::place(&which.iter().map(request).collect::<Vec<_>>(), options.max_block_bytes)
+        };
+        let (placements, blocks) = place(&self.buffers, &in_arena, options.keep_all)?;
+        for ((i, _), (block, offset)) in in_arena.into_iter().zip(placements) {
             self.buffers[i].place = Place::Arena { block, offset };
+        }
+        let (placements, persistent_blocks) = place(&self.buffers, &persistent, true)?;
+        for ((i, _), (block, offset)) in persistent.into_iter().zip(placements) {
+            self.buffers[i].place = Place::Persistent { block, offset };
         }
         let dispatches_for = |other: For| {
             let mut chosen: Vec<_> =
@@ -357,6 +360,7 @@ impl<'a> Lowering<'a> {
             dispatches,
             without_features,
             blocks,
+            persistent: persistent_blocks,
             weights_bytes: self.weights_bytes,
             stats: self.stats,
             keeps_features: options.keep_features,
