@@ -136,21 +136,16 @@ impl Arena {
         self.0.blocks.iter().filter_map(|block| block.own.as_ref()).map(Buffer::size).sum()
     }
 
-    /// Refuses a plan that does not fit, or an arena of another device.
-    pub(crate) fn check(&self, device: &Device, plan: &Plan) -> Result<()> {
+    /// The bytes of its blocks, for a plan on this device.
+    ///
+    /// # Errors
+    /// [`Error::InvalidOption`] where the arena is of another.
+    pub(crate) fn blocks_on(&self, device: &Device) -> Result<Vec<u64>> {
         if self.0.device.raw().handle() != device.raw().handle() {
             let reason = "it was made on another device than the denoiser".into();
             return Err(Error::InvalidOption { option: "arena", reason });
         }
-        let blocks = &self.0.blocks;
-        let lacks = |i: &usize| blocks.get(*i).is_none_or(|block| block.bytes < plan.blocks[*i]);
-        let Some(i) = (0..plan.blocks.len()).find(lacks) else { return Ok(()) };
-        let (wants, has) = (plan.blocks[i], blocks.get(i).map_or(0, |block| block.bytes));
-        let reason = format!(
-            "block {i} of its maps takes {wants} bytes, and that of the arena has {has}: make the arena for this size too \
-             (Denoiser::arena_required)"
-        );
-        Err(Error::FrameTooLarge { width: plan.extent.width, height: plan.extent.height, reason })
+        Ok(self.0.blocks.iter().map(|block| block.bytes).collect())
     }
 
     pub(crate) fn address(&self, block: usize) -> u64 {

@@ -153,8 +153,9 @@ impl Denoiser {
         Ok(MemoryRequired::of_plan(&self.engine.plan(extent)?))
     }
 
-    /// The memory of an arena in which passes of all these sizes fit, one at a time. Nothing is allocated. A smaller frame
-    /// takes less of each block as a rule and not by law: list every size that must fit.
+    /// The memory of an arena in which passes of all these sizes fit, one at a time. Nothing is allocated. Smaller frames
+    /// fit too ([`Denoiser::pass_in`]), but for what greedy placing in several blocks may leave over: list every size
+    /// that must fit.
     ///
     /// # Errors
     /// As [`Denoiser::memory_required`].
@@ -173,7 +174,7 @@ impl Denoiser {
     /// As [`Denoiser::pass`]; [`Error::FrameTooLarge`] where it does not fit the arena; [`Error::InvalidOption`] where
     /// that was made on another device.
     pub fn pass_in(&self, arena: &Arena, extent: Extent) -> Result<Pass> {
-        Pass::in_arena(&self.engine, self.engine.plan(extent)?, arena)
+        Pass::in_arena(&self.engine, extent, arena)
     }
 
     /// Device memory that the denoiser holds, in bytes: the weights, and what the host path keeps of the last size.

@@ -70,7 +70,8 @@ impl Pass {
     }
 
     /// The same in an arena that others have too.
-    pub(crate) fn in_arena(engine: &Arc<Engine>, plan: Plan, arena: &Arena) -> Result<Self> {
+    pub(crate) fn in_arena(engine: &Arc<Engine>, extent: Extent, arena: &Arena) -> Result<Self> {
+        let plan = engine.plan_in(extent, &arena.blocks_on(&engine.device)?)?;
         engine.check_memory(plan.extent, plan.bytes())?;
         Self::in_memory(engine, plan, Some(arena))
     }

@@ -20,15 +20,9 @@ pub(crate) struct PassMemory {
 pub(crate) type Location = (vk::Buffer, u64);
 
 impl PassMemory {
-    /// In an arena that is made for the plan, or in one that others have too.
+    /// In an arena that is made for the plan, or in one that others have too and that the plan was made for.
     pub fn new(device: &Device, plan: &Plan, shared: Option<&Arena>) -> Result<Self> {
-        let arena = match shared {
-            Some(arena) => {
-                arena.check(device, plan)?;
-                arena.clone()
-            }
-            None => Arena::new(device, &ArenaRequired::of(plan))?,
-        };
+        let arena = shared.map_or_else(|| Arena::new(device, &ArenaRequired::of(plan)), |arena| Ok(arena.clone()))?;
         let block = |(i, &bytes): (usize, &u64)| {
             Buffer::new(device, &format!("persistent {i}"), bytes, MemoryLocation::GpuOnly)
         };

@@ -6,7 +6,7 @@ mod common;
 use std::ffi::{CStr, c_char, c_void};
 use std::mem;
 use std::sync::{Mutex, OnceLock, PoisonError};
-use vkdenoise::ash::{self, ext, vk};
+use vkdenoise::ash::{ext, vk};
 use vkdenoise::{
     Binding, BufferFrame, BufferPlane, Cache, Denoiser, Device, EnabledFeatures, Error, Extent, FrameOptions, Layout,
     Options, Pass, RawDevice, RendererDevice, SampleFormat, Weights,
@@ -176,27 +176,32 @@ fn a_debugger_sees_names_and_labels() {
     renderer.assert_silent();
 }
 
-/// An instance that was made without the extension.
+/// A loader that does not know the extension.
 #[test]
-fn what_was_not_enabled_is_refused() {
-    // SAFETY: plain Vulkan set-up; every pointer outlives its call.
-    unsafe {
-        let entry = ash::Entry::load().unwrap();
-        let app = vk::ApplicationInfo::default().api_version(vk::API_VERSION_1_2);
-        let info = vk::InstanceCreateInfo::default().application_info(&app);
-        let instance = entry.create_instance(&info, None).unwrap();
-        let physical = instance.enumerate_physical_devices().unwrap()[0];
-        let priorities = [1.0];
-        let queues = [vk::DeviceQueueCreateInfo::default().queue_priorities(&priorities)];
-        let mut features = vk::PhysicalDeviceVulkan12Features::default().buffer_device_address(true);
-        let info = vk::DeviceCreateInfo::default().queue_create_infos(&queues).push_next(&mut features);
-        let device = instance.create_device(physical, &info, None).unwrap();
-        let mut handles = RendererDevice::new(instance.clone(), physical, device.clone(), 0);
-        handles.cache = Cache::Off;
-        handles.debug_utils = true;
-        let refused = Device::from_renderer(handles);
-        assert!(matches!(refused, Err(Error::InvalidOption { option: "debug_utils", .. })), "{refused:?}");
-        device.destroy_device(None);
-        instance.destroy_instance(None);
+fn what_is_not_there_is_refused() {
+    unsafe extern "system" fn instance_without(instance: vk::Instance, name: *const c_char) -> vk::PFN_vkVoidFunction {
+        // SAFETY: the arguments are the library's; the same below.
+        unsafe {
+            if CStr::from_ptr(name) == c"vkGetDeviceProcAddr" {
+                return Some(mem::transmute::<vk::PFN_vkGetDeviceProcAddr, unsafe extern "system" fn()>(
+                    device_without,
+                ));
+            }
+            (real().instance)(instance, name)
+        }
     }
+    unsafe extern "system" fn device_without(device: vk::Device, name: *const c_char) -> vk::PFN_vkVoidFunction {
+        // SAFETY: as above.
+        unsafe {
+            let hidden = CStr::from_ptr(name) == c"vkCmdEndDebugUtilsLabelEXT";
+            if hidden { None } else { (real().device)(device, name) }
+        }
+    }
+    let renderer = Renderer::new();
+    watched(&renderer, false).unwrap();
+    let raw = RawDevice { get_instance_proc_addr: instance_without as *const c_void, ..renderer.raw() };
+    // SAFETY: the handles are the renderer's, which lives to the end of the test.
+    let refused = unsafe { RendererDevice::from_raw(&raw).and_then(|handles| Device::from_renderer(handles)) };
+    assert!(matches!(refused, Err(Error::InvalidOption { option: "debug_utils", .. })), "{refused:?}");
+    renderer.assert_silent();
 }

@@ -27,7 +27,7 @@ use crate::kernels::{BufferId, Call, Grid, KernelTarget, Storage, Tiles, Traffic
 use crate::net::op::Stage;
 use pack::Pack;
 
-pub use lower::{plan, plan_part};
+pub use lower::{plan, plan_in, plan_part};
 
 /// Where a buffer of the plan lies.
 #[derive(Clone, Debug, PartialEq)]
