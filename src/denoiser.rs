@@ -1,5 +1,6 @@
 //! The public face: a denoiser, and the host path.
 
+use crate::arena::{Arena, ArenaRequired};
 use crate::engine::Engine;
 use crate::error::{Error, Result};
 use crate::frame::{Extent, Region};
@@ -150,6 +151,36 @@ impl Denoiser {
     /// [`Error::EmptyFrame`], [`Error::FrameTooLarge`].
     pub fn memory_required(&self, extent: Extent) -> Result<MemoryRequired> {
         Ok(MemoryRequired::of_plan(&self.engine.plan(extent)?))
+    }
+
+    /// The memory of an arena in which passes of all these sizes fit, one at a time. Nothing is allocated. Smaller frames
+    /// fit too ([`Denoiser::pass_in`]), but for what greedy placing in several blocks may leave over: list every size
+    /// that must fit.
+    ///
+    /// # Errors
+    /// As [`Denoiser::memory_required`].
+    pub fn arena_required(&self, extents: &[Extent]) -> Result<ArenaRequired> {
+        extents.iter().try_fold(ArenaRequired::default(), |required, &extent| {
+            Ok(required.max(&ArenaRequired::of(&self.engine.plan(extent)?)))
+        })
+    }
+
+    /// Prepares the pass of a frame size in an arena that it shares with others: those of other sizes, where the frame's
+    /// size changes as the renderer runs, or of other denoisers on the device. What outlives a recording
+    /// ([`MemoryRequired::persistent`]) is allocated for the pass alone. It takes milliseconds (`docs/INTEGRATION.md`):
+    /// make passes ahead, or on another thread.
+    ///
+    /// # Errors
+    /// As [`Denoiser::pass`]; [`Error::FrameTooLarge`] where it does not fit the arena; [`Error::InvalidOption`] where
+    /// that was made on another device.
+    pub fn pass_in(&self, arena: &Arena, extent: Extent) -> Result<Pass> {
+        Pass::in_arena(&self.engine, extent, arena)
+    }
+
+    /// Device memory that the denoiser holds, in bytes: the weights, and what the host path keeps of the last size.
+    /// Passes and arenas tell of theirs ([`Pass::device_bytes`], [`Arena::device_bytes`]).
+    pub fn device_bytes(&self) -> u64 {
+        self.engine.weights.size() + self.host.as_ref().map_or(0, HostPass::device_bytes)
     }
 
     /// Prepares the pass of a frame size for a renderer: plans it and allocates its arena.

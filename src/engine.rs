@@ -7,7 +7,7 @@ use crate::net::graph::Graph;
 use crate::net::weights::{ExposureRule, Weights, WeightsError};
 use crate::options::{Exposure, Options};
 use crate::pipelines::Pipelines;
-use crate::plan::{Place, Plan, plan};
+use crate::plan::{Place, Plan, plan, plan_in};
 use crate::signals;
 use crate::target::Target;
 use crate::vk::device::Device;
@@ -20,6 +20,8 @@ use gpu_allocator::MemoryLocation;
 /// beyond it compute more twice than they save.
 const BANDS_A_BUDGET: u64 = 64;
 const LEAST_CHAIN_BYTES: u64 = 4 << 20;
+/// Where a shared arena is short, bands are made narrower from here on.
+const MOST_CHAIN_BYTES: u64 = 256 << 20;
 
 pub(crate) struct Engine {
     pub device: Device,
@@ -31,6 +33,8 @@ pub(crate) struct Engine {
     pub exposure_rule: ExposureRule,
     /// Relative noise below which nothing is denoised, where the plans leave that out.
     pub quiet_threshold: f32,
+    /// Whether recordings label every kernel.
+    pub label_kernels: bool,
     /// Most device memory that a frame may take, in bytes.
     pub memory_budget: Option<u64>,
 }
@@ -51,7 +55,8 @@ impl Engine {
         let smallest = plan(&graph, Extent::new(1, 1), &target)?;
         let engine = Self::of_plan(device, graph, &smallest, weights, target)?;
         let quiet_threshold = options.quiet.map_or(0.0, |quiet| quiet.threshold);
-        Ok(Self { memory_budget: options.memory_budget, quiet_threshold, ..engine })
+        let Options { memory_budget, label_kernels, .. } = *options;
+        Ok(Self { memory_budget, quiet_threshold, label_kernels, ..engine })
     }
 
     /// For plans that pack the weights as `plan` does, which was made for `target`.
@@ -64,6 +69,7 @@ impl Engine {
             target,
             exposure_rule: weights.preprocessing().exposure,
             quiet_threshold: 0.0,
+            label_kernels: false,
             memory_budget: None,
         })
     }
@@ -71,6 +77,21 @@ impl Engine {
     /// The plan of a frame size on this device.
     pub fn plan(&self, extent: Extent) -> Result<Plan> {
         plan(&self.graph, extent, &self.target)
+    }
+
+    /// The plan of a frame size in an arena that is there. Where it takes more than that, as frames just below the size
+    /// from which on chains run in bands do, it is made in narrower bands: the bits are the same.
+    pub fn plan_in(&self, extent: Extent, blocks: &[u64]) -> Result<Plan> {
+        let mut target = self.target;
+        loop {
+            match plan_in(&self.graph, extent, &target, blocks) {
+                Err(Error::FrameTooLarge { .. }) if target.max_chain_bytes > LEAST_CHAIN_BYTES => {
+                    let narrower = target.max_chain_bytes.min(MOST_CHAIN_BYTES) / 2;
+                    target.max_chain_bytes = narrower.max(LEAST_CHAIN_BYTES);
+                }
+                planned => return planned,
+            }
+        }
     }
 
     /// The plan of a tile of a larger frame ([`crate::plan::tile`]).

@@ -69,8 +69,8 @@ pub enum Error {
         /// What does not fit.
         reason: String,
     },
-    /// The frame is too large for the device.
-    #[error("a {width} x {height} frame does not fit the device: {reason}")]
+    /// The frame is too large: for the device, for the budget, for the arena.
+    #[error("a {width} x {height} frame does not fit: {reason}")]
     FrameTooLarge {
         /// Width in pixels.
         width: u32,

@@ -258,6 +258,7 @@ impl<'a> Maker<'a> {
             pipelines: &pipelines,
             sets: &sets,
             signals: &[],
+            labels: &[],
             timestamps: None,
         };
         let compute = (vk::PipelineStageFlags::COMPUTE_SHADER, vk::AccessFlags::SHADER_WRITE);

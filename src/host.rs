@@ -111,6 +111,12 @@ impl HostPass {
         &self.pass
     }
 
+    /// Device memory of the pass, its staging and its signals.
+    pub fn device_bytes(&self) -> u64 {
+        let staging = [&self.input, &self.output].into_iter().chain(self.in_device.iter().flatten());
+        self.pass.device_bytes() + staging.map(Buffer::size).sum::<u64>() + self.signals.device_bytes()
+    }
+
     pub fn extent(&self) -> Extent {
         self.pass.plan().extent
     }

@@ -41,6 +41,11 @@ impl SignalPlanes {
         2 * extent.pixels() * PIXEL_BYTES * signals as u64
     }
 
+    /// Bytes of the planes that there are.
+    pub fn device_bytes(&self) -> u64 {
+        self.planes.as_ref().map_or(0, |planes| planes.input.size() + planes.output.size())
+    }
+
     /// How many signals there is room for.
     pub fn room(&self) -> usize {
         self.planes.as_ref().map_or(0, |planes| planes.room)

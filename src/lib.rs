@@ -52,6 +52,8 @@
 //! | frames in memory | [`Denoiser::denoise`] of a [`Frame`] of [`Plane`]s with a [`Layout`] each; [`Denoiser::denoise_with`] for [`Signal`]s beside it, [`Progress`] and cancelling; a [`Report`] comes back |
 //! | frames on the GPU | [`Denoiser::pass`], then [`Pass::bind_buffers`] of a [`BufferFrame`] or [`Pass::bind_images`] of an [`ImageFrame`], then [`Pass::record`] every frame |
 //! | what planes hold | [`SampleFormat`] in buffers, [`ImageFormat`]; [`NormalEncoding`], [`DepthEncoding`] |
+//! | memory that passes share | [`Denoiser::arena_required`], an [`Arena`], [`Denoiser::pass_in`] |
+//! | CUDA, OpenGL, other Vulkan devices | [`Device::interop`], `SharedBuffer`, `TimelineSemaphore`, `RecordedPass` (on Unix) |
 //! | memory, times | [`Denoiser::memory_required`]; [`Pass::profiler`] and [`Pass::record_profiled`] |
 //! | EXR files, metrics | the modules below |
 //!
@@ -75,6 +77,7 @@ macro_rules! internals {
 
 internals! { frame kernels microbench net options plan reference target testing vk }
 
+mod arena;
 mod denoise;
 mod denoiser;
 mod descriptors;
@@ -90,18 +93,22 @@ mod memory;
 pub mod metrics;
 mod parallel;
 mod pass;
+mod pass_memory;
 mod pipelines;
 mod planes;
 pub mod profile;
 mod progress;
 mod quality;
 mod record;
+#[cfg(unix)]
+mod recorded;
 mod renderer;
 mod role;
 mod signals;
 mod tiled;
 mod tiling;
 
+pub use arena::{Arena, ArenaBlock, ArenaRequired};
 /// Vulkan's types and functions, in the version that the library's signatures name.
 pub use ash;
 pub use denoiser::Denoiser;
@@ -119,13 +126,20 @@ pub use plan::active::{ActiveTiles, Part};
 pub use profile::{KernelRecord, Profiler};
 pub use progress::Progress;
 pub use quality::Quality;
+#[cfg(unix)]
+pub use recorded::RecordedPass;
 pub use renderer::{BufferAddress, BufferFrame, BufferPlane, FrameStatistics, ImageFrame, ImagePlane};
 pub use signals::{BufferSignal, Signal, SignalKind};
 pub use vk::cache::Cache;
 pub use vk::caps::{DeviceInfo, DeviceKind, Requirements};
 pub use vk::device::{Device, DeviceOptions, RendererDevice};
+pub use vk::interop::{Interop, MemoryHandle, Transfer};
 pub use vk::raw::{EnabledFeatures, RawDevice};
 pub use vk::selector::DeviceSelector;
+#[cfg(unix)]
+pub use vk::shared_buffer::{SharedBuffer, SharedMemory};
+#[cfg(unix)]
+pub use vk::timeline::{TimelinePoint, TimelineSemaphore};
 
 /// The README's snippets, compiled.
 #[cfg(doctest)]

@@ -11,6 +11,9 @@ use crate::role::Role;
 pub struct MemoryRequired {
     /// The feature maps between the kernels.
     pub arena: u64,
+    /// What outlives a recording, such as the maps of [`Options::keep_features`](crate::Options::keep_features): a
+    /// pass's own, in whatever arena it runs.
+    pub persistent: u64,
     /// The packed weights, shared by all sizes of a denoiser.
     pub weights: u64,
     /// Planes on their way in and out, in the host path alone.
@@ -21,6 +24,7 @@ impl MemoryRequired {
     pub(crate) fn of_plan(plan: &Plan) -> Self {
         Self {
             arena: plan.blocks.iter().sum(),
+            persistent: plan.persistent.iter().sum(),
             weights: plan.weights_bytes,
             staging: input_bytes(plan) + output_bytes(plan),
         }
@@ -28,7 +32,7 @@ impl MemoryRequired {
 
     /// What a renderer's pass takes: no staging.
     pub fn pass(&self) -> u64 {
-        self.arena + self.weights
+        self.arena + self.persistent + self.weights
     }
 
     /// What the host path takes.

@@ -98,11 +98,11 @@ impl PartRunner {
         submission.record(|commands| {
             let transfer = (vk::PipelineStageFlags::TRANSFER, vk::AccessFlags::TRANSFER_WRITE);
             let shaders = vk::AccessFlags::SHADER_READ | vk::AccessFlags::SHADER_WRITE;
-            for block in pass.blocks() {
-                // SAFETY: the block is the pass's own, and `run` waits.
+            for ((buffer, offset), bytes) in pass.memory() {
+                // SAFETY: the memory is the pass's own, and `run` waits.
                 unsafe {
                     let raw = pass.device().raw();
-                    raw.cmd_fill_buffer(commands, block.raw(), 0, vk::WHOLE_SIZE, ANY_VALUE.to_bits());
+                    raw.cmd_fill_buffer(commands, buffer, offset, bytes, ANY_VALUE.to_bits());
                     barrier(pass.device(), commands, transfer, (vk::PipelineStageFlags::COMPUTE_SHADER, shaders));
                 }
             }

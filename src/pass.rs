@@ -1,5 +1,6 @@
 //! A forward pass of one frame size, ready to be recorded.
 
+use crate::arena::Arena;
 use crate::descriptors::{DescriptorSets, Resources};
 use crate::engine::Engine;
 use crate::error::{Error, Result};
@@ -8,6 +9,7 @@ use crate::kernels::planes::{Planes, Role};
 use crate::kernels::signals::SignalRows;
 use crate::kernels::{Addresses, BufferId, FrameArgs, KernelTarget, TexelRange};
 use crate::options::{Exposure, FrameOptions};
+use crate::pass_memory::{Location, PassMemory};
 use crate::plan::active::{ActiveTiles, Work};
 use crate::plan::{self, Dispatch, Place, Plan, Present};
 use crate::planes::PlaneTable;
@@ -15,17 +17,18 @@ use crate::profile::Profiler;
 use crate::record::Recording;
 use crate::renderer::{BufferAddress, BufferFrame, ImageFrame};
 use crate::signals::{self, BufferSignal};
+use crate::vk::debug;
 use crate::vk::device::Device;
-use crate::vk::memory::Buffer;
 use crate::vk::pipeline::Pipeline;
 use ash::vk;
-use gpu_allocator::MemoryLocation;
 use std::borrow::Cow;
+use std::ffi::CString;
 use std::ops::Range;
 use std::sync::Arc;
 use std::sync::atomic::{AtomicU64, Ordering};
 
-/// The denoiser for one frame size: its plan, and the arena of its feature maps. Made by [`crate::Denoiser::pass`].
+/// The denoiser for one frame size: its plan, and the arena of its feature maps. Made by [`crate::Denoiser::pass`] or,
+/// in an arena that passes share, [`crate::Denoiser::pass_in`].
 ///
 /// `Send` and `Sync`. A renderer makes one when its frame size is known, binds its buffers or images once, and records
 /// every frame. Frames in flight may share it as long as they are submitted to one queue. Drop it (and its bindings)
@@ -33,7 +36,9 @@ use std::sync::atomic::{AtomicU64, Ordering};
 pub struct Pass {
     engine: Arc<Engine>,
     plan: Plan,
-    blocks: Vec<Buffer>,
+    memory: PassMemory,
+    /// What its recordings are labelled with.
+    label: CString,
     /// Tells it from every other pass of the process.
     id: u64,
 }
@@ -46,6 +51,8 @@ pub struct Binding {
     pipelines: Vec<Arc<Pipeline>>,
     /// What runs of the plan for these planes, whole.
     dispatches: Vec<Dispatch>,
+    /// What each of them is labelled with, where they are.
+    labels: Vec<CString>,
     planes: PlaneTable,
     /// The pass's own [`Pass::id`].
     pass: u64,
@@ -59,17 +66,34 @@ impl Pass {
     /// The pass of a plan of the engine's own graph and packing.
     pub(crate) fn of_plan(engine: &Arc<Engine>, plan: Plan) -> Result<Self> {
         engine.check_memory(plan.extent, plan.bytes())?;
-        let block = |(i, &bytes): (usize, &u64)| {
-            Buffer::new(&engine.device, &format!("arena {i}"), bytes, MemoryLocation::GpuOnly)
-        };
-        let blocks = plan.blocks.iter().enumerate().map(block).collect::<Result<_>>()?;
-        static PASSES: AtomicU64 = AtomicU64::new(0);
-        let id = PASSES.fetch_add(1, Ordering::Relaxed);
-        Ok(Self { engine: Arc::clone(engine), plan, blocks, id })
+        Self::in_memory(engine, plan, None)
     }
 
-    pub(crate) fn blocks(&self) -> &[Buffer] {
-        &self.blocks
+    /// The same in an arena that others have too.
+    pub(crate) fn in_arena(engine: &Arc<Engine>, extent: Extent, arena: &Arena) -> Result<Self> {
+        let plan = engine.plan_in(extent, &arena.blocks_on(&engine.device)?)?;
+        engine.check_memory(plan.extent, plan.bytes())?;
+        Self::in_memory(engine, plan, Some(arena))
+    }
+
+    fn in_memory(engine: &Arc<Engine>, plan: Plan, shared: Option<&Arena>) -> Result<Self> {
+        let memory = PassMemory::new(&engine.device, &plan, shared)?;
+        static PASSES: AtomicU64 = AtomicU64::new(0);
+        let id = PASSES.fetch_add(1, Ordering::Relaxed);
+        let Extent { width, height } = plan.extent;
+        let label = debug::text(&format!("vkdenoise {} {width}x{height}", engine.graph.arch.name));
+        Ok(Self { engine: Arc::clone(engine), plan, memory, label, id })
+    }
+
+    /// Device memory that the pass alone holds, in bytes: what outlives its recordings, and its arena, where that was
+    /// made for it. Weights are the denoiser's, a shared arena is its own ([`Arena::device_bytes`]).
+    pub fn device_bytes(&self) -> u64 {
+        self.memory.device_bytes()
+    }
+
+    /// Everything that its plan writes, with its bytes.
+    pub(crate) fn memory(&self) -> Vec<(Location, u64)> {
+        self.memory.all(&self.plan)
     }
 
     pub(crate) fn device(&self) -> &Device {
@@ -260,7 +284,11 @@ impl Pass {
         // SAFETY: the caller vouches for the images; the arena and the weights outlive every use of the binding.
         let sets = unsafe { DescriptorSets::new(&engine.device, &dispatches, &pipelines, &resources)? };
         let planes = PlaneTable::new(&engine.device, planes, signals)?;
-        Ok(Binding { sets, pipelines, dispatches, planes, pass: self.id })
+        let labelled = engine.label_kernels && engine.device.debug().is_some();
+        let label =
+            |dispatch: &Dispatch| debug::text(&format!("{} ({})", dispatch.name, dispatch.variant.contract.name));
+        let labels = dispatches.iter().filter(|_| labelled).map(label).collect();
+        Ok(Binding { sets, pipelines, dispatches, labels, planes, pass: self.id })
     }
 
     /// Records the pass into the renderer's command buffer. It does not submit, wait, allocate device memory or update
@@ -269,8 +297,8 @@ impl Pass {
     /// * Before: the renderer has made its writes to the input planes visible to `VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT`
     ///   / `VK_ACCESS_SHADER_READ_BIT`, and ordered earlier uses of the output plane before `COMPUTE_SHADER`. Images
     ///   are in the layouts that they were bound with.
-    /// * First thing recorded: a barrier from compute to compute over the pass's own arena, so that frames in flight on
-    ///   one queue do not disturb each other. A buffer of [`Exposure::Buffer`] counts as an input plane, one of
+    /// * First thing recorded: a barrier from compute to compute over the arena, so that frames in flight on one queue,
+    ///   and other passes of a shared arena, do not disturb each other. A buffer of [`Exposure::Buffer`] counts as an input plane, one of
     ///   [`FrameOptions::statistics`] as an output.
     /// * After: the output was written in `COMPUTE_SHADER` with `VK_ACCESS_SHADER_WRITE_BIT`; the renderer puts the
     ///   barrier that its next use needs. Bound compute pipeline, compute descriptor set 0 and push constants have
@@ -283,7 +311,7 @@ impl Pass {
     /// # Safety
     /// `commands` is recording, belongs to the denoiser's device and to a family with compute, and is outside
     /// a render pass. The pass, the binding, what it names and the options' buffers live until the commands have run.
-    /// The pass's recordings run on one queue.
+    /// The pass's recordings, and those of the other passes of its arena, run on one queue.
     pub unsafe fn record(&self, commands: vk::CommandBuffer, binding: &Binding, options: &FrameOptions) -> Result<()> {
         // SAFETY: the caller's promises are the same.
         unsafe { self.record_with(commands, binding, options, None) }
@@ -371,17 +399,25 @@ impl Pass {
             pipelines: &binding.pipelines,
             sets: &binding.sets,
             signals: binding.planes.signals(),
+            labels: &binding.labels,
             timestamps,
         };
-        // SAFETY: the caller vouches for `commands` and for what the binding names; the arena is this pass's own.
-        unsafe { recording.record(commands, dispatches, part) };
+        let device = &self.engine.device;
+        // SAFETY: the caller vouches for `commands` and for what the binding names; arena and persistent memory live as
+        // long as this pass.
+        unsafe {
+            device.begin_label(commands, &self.label);
+            recording.record(commands, dispatches, part);
+            device.end_label(commands);
+        }
         Ok(())
     }
 
     /// Device address of a buffer of the plan.
     fn address(&self, id: BufferId) -> u64 {
         match &self.plan.buffer(id).place {
-            Place::Arena { block, offset } => self.blocks[*block].address() + offset,
+            Place::Arena { block, offset } => self.memory.arena_address(*block) + offset,
+            Place::Persistent { block, offset } => self.memory.persistent_address(*block) + offset,
             Place::Weights { offset, .. } => self.engine.weights.address() + offset,
         }
     }
@@ -389,10 +425,12 @@ impl Pass {
     /// The `VkBuffer` and the byte range in which a buffer of the plan lies.
     pub(crate) fn location(&self, id: BufferId) -> (vk::Buffer, u64, u64) {
         let buffer = self.plan.buffer(id);
-        match &buffer.place {
-            Place::Arena { block, offset } => (self.blocks[*block].raw(), *offset, buffer.bytes),
-            Place::Weights { offset, .. } => (self.engine.weights.raw(), *offset, buffer.bytes),
-        }
+        let ((raw, first), offset) = match &buffer.place {
+            Place::Arena { block, offset } => (self.memory.arena(*block), offset),
+            Place::Persistent { block, offset } => (self.memory.persistent(*block), offset),
+            Place::Weights { offset, .. } => ((self.engine.weights.raw(), 0), offset),
+        };
+        (raw, first + offset, buffer.bytes)
     }
 }
 

@@ -9,6 +9,7 @@ use crate::vk::pipeline::Pipeline;
 use crate::vk::submit;
 use crate::vk::timestamps::Timestamps;
 use ash::vk;
+use std::ffi::CString;
 use std::ops::Range;
 use std::sync::Arc;
 
@@ -24,6 +25,8 @@ pub(crate) struct Recording<'a> {
     pub sets: &'a DescriptorSets,
     /// Signals beside the colour: what is for them is recorded for each.
     pub signals: &'a [SignalArgs],
+    /// One for each dispatch, or none.
+    pub labels: &'a [CString],
     /// Where the time before and after every dispatch goes: two timestamps each, from the number on; of what is for
     /// signals those of the first.
     pub timestamps: Option<(&'a Timestamps, u32)>,
@@ -81,6 +84,10 @@ impl Recording<'_> {
                 }
                 let stage = vk::ShaderStageFlags::COMPUTE;
                 device.cmd_push_constants(commands, pipeline.layout, stage, 0, push.as_slice());
+                let label = self.labels.get(i);
+                if let Some(label) = label {
+                    self.device.begin_label(commands, label);
+                }
                 self.timestamp(commands, timed(0));
                 match dispatch.indirect.and_then(|groups| Some((groups, groups.offset(dispatch)?))) {
                     Some((groups, offset)) => {
@@ -90,6 +97,9 @@ impl Recording<'_> {
                     None => device.cmd_dispatch(commands, x, y, z),
                 }
                 self.timestamp(commands, timed(1));
+                if label.is_some() {
+                    self.device.end_label(commands);
+                }
             }
         }
     }

@@ -45,16 +45,8 @@ impl BufferAddress {
     /// The buffer is valid, as its field says, and of the device.
     pub(crate) unsafe fn resolve(&self, device: &Device) -> u64 {
         // SAFETY: the caller vouches for the buffer.
-        unsafe { address(device, self.buffer) + self.offset }
+        unsafe { device.buffer_address(self.buffer) + self.offset }
     }
-}
-
-/// # Safety
-/// The buffer is valid, of the device, and was created to have an address.
-unsafe fn address(device: &Device, buffer: vk::Buffer) -> u64 {
-    let info = vk::BufferDeviceAddressInfo::default().buffer(buffer);
-    // SAFETY: the caller vouches for the buffer.
-    unsafe { device.raw().get_buffer_device_address(&info) }
 }
 
 /// What a recording tells of its frame ([`crate::FrameOptions::statistics`]).
@@ -207,7 +199,7 @@ impl BufferPlane {
         let from_first = Layout { offset: 0, ..self.layout };
         from_first.check(name, extent, channels, u64::from(u32::MAX - 3))?;
         // SAFETY: the caller vouches for the buffer.
-        let base = unsafe { address(device, self.buffer) };
+        let base = unsafe { device.buffer_address(self.buffer) };
         let first = base + self.layout.offset as u64 * bytes;
         // Shaders load whole words: an odd half begins in the middle of one.
         let address = first & !3;

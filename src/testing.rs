@@ -148,6 +148,7 @@ impl Bench {
             pipelines: &pipelines,
             sets: &sets,
             signals: &[],
+            labels: &[],
             timestamps: None,
         };
         submission.record(|commands| {

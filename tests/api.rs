@@ -9,8 +9,8 @@ use half::f16;
 use vkdenoise::kernels::stats::STATS_FLOATS;
 use vkdenoise::testing::Bench;
 use vkdenoise::{
-    Binding, Denoiser, Device, DeviceOptions, DeviceSelector, Error, Exposure, Extent, Features, Frame, FrameOptions,
-    Layout, Options, Pass, Plane, PlaneMut, Weights,
+    Arena, Binding, Denoiser, Device, DeviceOptions, DeviceSelector, Error, Exposure, Extent, Features, Frame,
+    FrameOptions, Layout, Options, Pass, Plane, PlaneMut, Weights,
 };
 
 fn denoiser() -> Denoiser {
@@ -288,6 +288,7 @@ fn threads() {
     send_and_sync::<Device>();
     send_and_sync::<Denoiser>();
     send_and_sync::<Pass>();
+    send_and_sync::<Arena>();
     send_and_sync::<Binding>();
     send_and_sync::<Weights>();
     send_and_sync::<FrameOptions>();

@@ -11,7 +11,7 @@ use vkdenoise::kernels::winograd::WinogradTile;
 use vkdenoise::net::graph::Graph;
 use vkdenoise::net::{Arch, Block, Bottleneck, Convolution, Decoder, Head, StageSpec, Weights};
 use vkdenoise::options::{ConvAlgorithm, SeparableForm};
-use vkdenoise::plan::{Dispatch, Place, Plan, plan};
+use vkdenoise::plan::{Buffer, Dispatch, Place, Plan, plan};
 use vkdenoise::target::Target;
 use vkdenoise::{
     BufferFrame, BufferPlane, Denoiser, Device, Error, Extent, Features, Frame, FrameOptions, Layout, Options, Plane,
@@ -70,6 +70,14 @@ fn plan_of(name: &str, extent: Extent, keep_features: bool) -> Plan {
     plan(&graph, extent, &Target { keep_features, ..Target::default() }).unwrap()
 }
 
+/// Where a persistent buffer lies: block, first byte.
+fn persistent(buffer: &Buffer) -> Option<(usize, u64)> {
+    match buffer.place {
+        Place::Persistent { block, offset } => Some((block, offset)),
+        _ => None,
+    }
+}
+
 /// The plan finds by dataflow what the network's definition says.
 #[test]
 fn what_depends_on_features_alone_is_found() {
@@ -83,23 +91,25 @@ fn what_depends_on_features_alone_is_found() {
                 || dispatch.name.contains(".film");
             assert_eq!(dispatch.of_features, expected, "{name}: {}", dispatch.name);
         }
-        // Whatever the rest reads of it keeps its place: nothing else lies there.
+        // Whatever the rest reads of it outlives the recording.
         let rest: Vec<_> = plan.dispatches.iter().filter(|d| !d.of_features).map(|d| d.traffic()).collect();
         let written: Vec<_> = rest.iter().flat_map(|traffic| &traffic.writes).map(|(id, _)| *id).collect();
         for (id, _) in rest.iter().flat_map(|traffic| &traffic.reads) {
-            let Place::Arena { block, offset } = plan.buffer(*id).place else { continue };
-            if written.contains(id) {
-                continue;
-            }
-            let end = offset + plan.buffer(*id).bytes;
-            for other in &plan.dispatches {
-                for (other, _) in other.traffic().writes.iter().filter(|(other, _)| other != id) {
-                    let Place::Arena { block: its, offset: start } = plan.buffer(*other).place else { continue };
-                    let apart = its != block || start >= end || start + plan.buffer(*other).bytes <= offset;
-                    assert!(apart, "{name}: {} lies on {}", plan.buffer(*other).name, plan.buffer(*id).name);
-                }
-            }
+            let buffer = plan.buffer(*id);
+            let outlives = matches!(buffer.place, Place::Persistent { .. } | Place::Weights { .. });
+            assert_ne!(outlives, written.contains(id), "{name}: {}", buffer.name);
         }
+        // Nothing else lies there.
+        let mut kept: Vec<_> = plan.buffers.iter().filter_map(|buffer| Some((persistent(buffer)?, buffer))).collect();
+        kept.sort_by_key(|(at, _)| *at);
+        assert!(!kept.is_empty());
+        for pair in kept.windows(2) {
+            let [((block, start), first), ((next_block, next), second)] = pair else { unreachable!() };
+            let apart = block != next_block || start + first.bytes <= *next;
+            assert!(apart, "{name}: {} lies on {}", second.name, first.name);
+        }
+        let forgetful = plan_of(name, Extent::new(256, 128), false);
+        assert!(forgetful.persistent.is_empty() && forgetful.buffers.iter().all(|b| persistent(b).is_none()), "{name}");
     }
 }
 
@@ -111,7 +121,7 @@ fn what_it_saves_and_costs() {
         keeping.dispatches.iter().filter(|d| kept(d)).map(|d| d.flops).sum::<u64>() as f64
     };
     let rest = flops(|dispatch| !dispatch.of_features) / flops(|_| true);
-    let mb = |plan: &Plan| plan.blocks.iter().sum::<u64>() as f64 * 1e-6;
+    let mb = |plan: &Plan| plan.blocks.iter().chain(&plan.persistent).sum::<u64>() as f64 * 1e-6;
     println!("{rest:.4} of the work remains, {:.0} MB in place of {:.0}", mb(&keeping), mb(&plain));
     assert!((0.85..0.87).contains(&rest), "{rest}");
     assert!(mb(&keeping) < 1.35 * mb(&plain), "{} MB in place of {}", mb(&keeping), mb(&plain));

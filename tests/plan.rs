@@ -8,7 +8,7 @@ use vkdenoise::kernels::winograd::WinogradTile;
 use vkdenoise::kernels::{Arithmetic, BufferId, Call, KernelTarget, Storage, Tiles};
 use vkdenoise::net::{Arch, Folds, Graph, Head};
 use vkdenoise::options::{ConvAlgorithm, SeparableForm};
-use vkdenoise::plan::{Dispatch, Place, Plan, plan};
+use vkdenoise::plan::{Dispatch, Place, Plan, plan, plan_in};
 use vkdenoise::target::{Target, max_chain_bytes};
 use vkdenoise::{Error, Extent};
 
@@ -17,9 +17,13 @@ fn plan_of(name: &str, extent: Extent, max_block_bytes: u64) -> Result<Plan, Err
     plan(&graph, extent, &Target { max_block_bytes, ..Target::default() })
 }
 
-fn spans(plan: &Plan, touched: &[(BufferId, u64)]) -> Vec<(usize, u64, u64)> {
+/// Bytes of a block, persistent or of the arena.
+type Span = ((bool, usize), u64, u64);
+
+fn spans(plan: &Plan, touched: &[(BufferId, u64)]) -> Vec<Span> {
     let span = |(id, _): &(BufferId, u64)| match plan.buffer(*id).place {
-        Place::Arena { block, offset } => Some((block, offset, offset + plan.buffer(*id).bytes)),
+        Place::Arena { block, offset } => Some(((false, block), offset, offset + plan.buffer(*id).bytes)),
+        Place::Persistent { block, offset } => Some(((true, block), offset, offset + plan.buffer(*id).bytes)),
         Place::Weights { .. } => None,
     };
     touched.iter().filter_map(span).collect()
@@ -51,6 +55,7 @@ fn plans_in(extent: Extent, max_block_bytes: u64) -> Vec<(String, Plan)> {
     });
     let halves = Target { storage: Storage::F16, max_block_bytes, ..Target::default() };
     let banded = Target { max_chain_bytes: 1 << 17, max_block_bytes, ..Target::default() };
+    let keeping = Target { keep_features: true, max_block_bytes, ..Target::default() };
     let headed = [Head::pure(), Head::gated()].map(|head| Graph::new(&Arch { head, ..Arch::hybrid() }).unwrap());
     let headed = headed.iter().flat_map(|graph| [halves, banded].map(|options| (graph, options)));
     let headed: Vec<_> = headed
@@ -59,7 +64,8 @@ fn plans_in(extent: Extent, max_block_bytes: u64) -> Vec<(String, Plan)> {
             (name, plan(graph, extent, &options).unwrap())
         })
         .collect();
-    let forms = forms.into_iter().chain([halves, banded, Target { separable: SeparableForm::Fused, ..banded }]);
+    let forms =
+        forms.into_iter().chain([halves, banded, keeping, Target { separable: SeparableForm::Fused, ..banded }]);
     let forms = forms.map(|options| (format!("{options:?}"), plan(&graph, extent, &options).unwrap()));
     named.chain(forms).chain(headed).collect()
 }
@@ -100,7 +106,7 @@ fn what_is_read_was_written_and_not_overwritten() {
 
 fn check_memory(name: &str, plan: &Plan, list: &[Dispatch]) {
     // Who wrote last: (block, start, end, buffer).
-    let mut memory: Vec<(usize, u64, u64, BufferId)> = Vec::new();
+    let mut memory: Vec<((bool, usize), u64, u64, BufferId)> = Vec::new();
     for dispatch in list {
         let traffic = dispatch.traffic();
         for (id, _) in &traffic.reads {
@@ -250,4 +256,38 @@ fn dense_kernels_have_a_variant_on_matrices() {
             assert!(on_matrices as f64 / all as f64 > 0.999);
         }
     }
+}
+
+/// A renderer whose resolution falls has one arena. Frames just below the size from which on chains run in bands take
+/// more than larger ones: in narrower bands they fit.
+#[test]
+fn smaller_frames_fit_the_arena_of_a_larger_one() {
+    let graph = Graph::new(&Arch::hybrid()).unwrap();
+    let (mut narrower, mut several) = (0, 0);
+    for (storage, arithmetic, max_block_bytes) in [
+        (Storage::F32, Arithmetic::Floats, u64::MAX),
+        (Storage::F32, Arithmetic::Floats, 1 << 28),
+        (Storage::F16, Arithmetic::Matrices, u64::MAX),
+    ] {
+        let target = Target { max_block_bytes, ..Target::for_gpu(storage, arithmetic) };
+        for full in [Extent::new(1920, 1080), Extent::new(3840, 2160)] {
+            let largest = plan(&graph, full, &target).unwrap();
+            several += usize::from(largest.blocks.len() > 1);
+            assert_eq!(plan_in(&graph, full, &target, &largest.blocks).unwrap(), largest);
+            for percent in (50..100).step_by(3) {
+                let extent = Extent::new(full.width * percent / 100, full.height * percent / 100);
+                let chains = std::iter::successors(Some(target.max_chain_bytes), |bytes| Some(bytes / 2));
+                let planned = chains.take(3).enumerate().find_map(|(i, max_chain_bytes)| {
+                    let target = Target { max_chain_bytes, ..target };
+                    plan_in(&graph, extent, &target, &largest.blocks).ok().map(|plan| (i, plan))
+                });
+                let (halved, planned) = planned.unwrap_or_else(|| panic!("{storage:?}, {max_block_bytes}: {extent:?}"));
+                narrower += usize::from(halved > 0);
+                assert!(planned.blocks.iter().zip(&largest.blocks).all(|(small, large)| small <= large));
+                lists(&planned).into_iter().for_each(|list| check_memory(&format!("{extent:?}"), &planned, list));
+            }
+        }
+    }
+    println!("{narrower} in narrower bands");
+    assert!(narrower > 0 && several > 0);
 }

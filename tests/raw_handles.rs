@@ -40,13 +40,14 @@ fn denoised(renderer: &Renderer, handles: RendererDevice) -> Vec<u8> {
 }
 
 /// What a renderer says of its device.
-fn told(device: &RendererDevice) -> (vk::Instance, vk::PhysicalDevice, vk::Device, u32, [bool; 5]) {
+fn told(device: &RendererDevice) -> (vk::Instance, vk::PhysicalDevice, vk::Device, u32, [bool; 6]) {
     let features = [
         device.storage_buffer_16bit,
         device.shader_int64,
         device.subgroup_broadcast_dynamic_id,
         device.host_query_reset,
         device.cooperative_matrix.is_some(),
+        device.debug_utils,
     ];
     (device.instance.handle(), device.physical_device, device.device.handle(), device.queue_family, features)
 }

@@ -13,6 +13,8 @@ mod pareto_command;
 mod plotting;
 #[path = "bench/quiet_command.rs"]
 mod quiet_command;
+#[path = "bench/resize_command.rs"]
+mod resize_command;
 #[path = "bench/skip_command.rs"]
 mod skip_command;
 #[path = "bench/stress/mod.rs"]
@@ -74,6 +76,8 @@ enum Command {
     /// Leave out what is quiet of an EXR file, by several rules in turn with all of it: time, and what that does to the
     /// picture.
     Quiet(quiet_command::QuietArgs),
+    /// Time what a frame size costs the CPU in an arena that several share. One JSON object a size.
+    Resize(resize_command::ResizeArgs),
     /// Print the device memory that a size takes, from the plan. Nothing is allocated for it.
     Memory {
         /// Frame size.
@@ -131,6 +135,7 @@ fn main() -> ExitCode {
         Command::Stress(args) => stress_command::run(&args),
         Command::Skip(args) => skip_command::run(&args),
         Command::Quiet(args) => quiet_command::run(&args),
+        Command::Resize(args) => resize_command::run(&args),
         Command::Memory { size, device, forms } => memory(&device, size, &forms.options()).map_err(Into::into),
     };
     match outcome {
@@ -147,7 +152,8 @@ fn memory(device: &DeviceSelector, extent: Extent, options: &Options) -> Result<
     let needed = denoiser.memory_required(extent)?;
     let line = serde_json::json!({
         "width": extent.width, "height": extent.height,
-        "arena_bytes": needed.arena, "weights_bytes": needed.weights, "staging_bytes": needed.staging,
+        "arena_bytes": needed.arena, "persistent_bytes": needed.persistent, "weights_bytes": needed.weights,
+        "staging_bytes": needed.staging,
         "pass_bytes": needed.pass(), "host_bytes": needed.host(),
     });
     println!("{line}");

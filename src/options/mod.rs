@@ -109,6 +109,10 @@ pub struct Options {
     /// [`crate::Denoiser::denoise_with`], [`crate::Pass::bind_buffers_with`]). For weights that predict kernels and
     /// nothing else ([`crate::Weights::hybrid_kernels`]); it may cost device memory.
     pub signals: bool,
+    /// Whether recordings label every kernel, by the names of [`crate::KernelRecord`], and not the pass alone, for
+    /// graphics debuggers. Labels are there where the device has `VK_EXT_debug_utils`
+    /// ([`RendererDevice::debug_utils`](crate::RendererDevice::debug_utils)).
+    pub label_kernels: bool,
 }
 
 /// What one call of the host path did.

@@ -14,16 +14,44 @@ pub struct Request {
 /// Where a request went: (block, bytes from its start).
 pub type Placement = (usize, u64);
 
-/// Every placement is a multiple of this, enough for any vector load and for a GPU's cache lines.
-const ALIGNMENT: u64 = 256;
+/// Every placement is a multiple of this, enough for any vector load, for a GPU's cache lines and for views of texels.
+pub const ALIGNMENT: u64 = 256;
 
-/// Places every request in blocks of at most `max_block` bytes. Largest first, each at the lowest place that is free
-/// for its whole time (the greedy-by-size of Pisarchyk and Lee, "Efficient Memory Management for Deep Neural Net
-/// Inference", 2020). Returns the placements and the sizes of the blocks.
+/// How large blocks may be.
+#[derive(Clone, Copy, Debug)]
+pub enum Limits<'a> {
+    /// Any number of them, each of so many bytes at most.
+    Each(u64),
+    /// These, each of its bytes and of no more than the second.
+    Given(&'a [u64], u64),
+}
+
+impl Limits<'_> {
+    fn of(&self, block: usize) -> Option<u64> {
+        match self {
+            Self::Each(most) => Some(*most),
+            Self::Given(blocks, most) => blocks.get(block).map(|bytes| *bytes.min(most)),
+        }
+    }
+
+    fn most(&self) -> u64 {
+        match self {
+            Self::Each(most) => *most,
+            Self::Given(blocks, most) => blocks.iter().copied().max().unwrap_or(0).min(*most),
+        }
+    }
+}
+
+/// Places every request in blocks. Largest first, each at the lowest place that is free for its whole time (the
+/// greedy-by-size of Pisarchyk and Lee, "Efficient Memory Management for Deep Neural Net Inference", 2020). Returns the
+/// placements and the sizes of the blocks.
+///
+/// In given blocks that are no smaller than those of [`Limits::Each`] with the same most bytes, the placements are
+/// those: what did not fit a block then does not fit now, and what did does.
 ///
 /// # Errors
-/// The size of a request that exceeds `max_block`.
-pub fn place(requests: &[Request], max_block: u64) -> Result<(Vec<Placement>, Vec<u64>), u64> {
+/// The size of a request that fits no block.
+pub fn place(requests: &[Request], limits: Limits) -> Result<(Vec<Placement>, Vec<u64>), u64> {
     let mut order: Vec<usize> = (0..requests.len()).collect();
     order.sort_by_key(|&i| (std::cmp::Reverse(requests[i].bytes), requests[i].first, i));
     let mut placements = vec![(0, 0); requests.len()];
@@ -31,11 +59,12 @@ pub fn place(requests: &[Request], max_block: u64) -> Result<(Vec<Placement>, Ve
     let mut placed: Vec<usize> = Vec::new();
     for i in order {
         let request = requests[i];
-        if request.bytes > max_block {
+        if request.bytes > limits.most() {
             return Err(request.bytes);
         }
         let mut block = 0;
         let offset = loop {
+            let limit = limits.of(block).ok_or(request.bytes)?;
             let overlapping = placed.iter().filter(|&&other| {
                 let o = requests[other];
                 placements[other].0 == block && o.first <= request.last && request.first <= o.last
@@ -50,14 +79,12 @@ pub fn place(requests: &[Request], max_block: u64) -> Result<(Vec<Placement>, Ve
                 }
                 offset = offset.max(end.next_multiple_of(ALIGNMENT));
             }
-            if offset + request.bytes <= max_block {
+            if offset + request.bytes <= limit {
                 break offset;
             }
             block += 1;
         };
-        if block == blocks.len() {
-            blocks.push(0);
-        }
+        blocks.resize(blocks.len().max(block + 1), 0);
         blocks[block] = blocks[block].max((offset + request.bytes).next_multiple_of(ALIGNMENT));
         placements[i] = (block, offset);
         placed.push(i);
@@ -87,7 +114,7 @@ mod tests {
     #[test]
     fn buffers_of_other_times_share_memory() {
         let requests = [request(1000, 0, 1), request(1000, 2, 3), request(500, 1, 2)];
-        let (placements, blocks) = place(&requests, 1 << 20).unwrap();
+        let (placements, blocks) = place(&requests, Limits::Each(1 << 20)).unwrap();
         assert_apart(&requests, &placements);
         assert_eq!(placements[0], placements[1]);
         assert_eq!(blocks, [1536]);
@@ -96,11 +123,11 @@ mod tests {
     #[test]
     fn what_does_not_fit_a_block_goes_to_another() {
         let requests = [request(1000, 0, 5), request(1000, 0, 5), request(900, 0, 5)];
-        let (placements, blocks) = place(&requests, 2048).unwrap();
+        let (placements, blocks) = place(&requests, Limits::Each(2048)).unwrap();
         assert_apart(&requests, &placements);
         assert_eq!(blocks.len(), 2);
         assert!(blocks.iter().all(|b| *b <= 2048));
-        assert_eq!(place(&requests, 999), Err(1000));
+        assert_eq!(place(&requests, Limits::Each(999)), Err(1000));
     }
 
     #[test]
@@ -116,7 +143,19 @@ mod tests {
                 request(1 + random(5000), first, first + random(8) as usize)
             })
             .collect();
-        let (placements, _) = place(&requests, 10_000).unwrap();
+        let (placements, blocks) = place(&requests, Limits::Each(10_000)).unwrap();
         assert_apart(&requests, &placements);
+        assert!(blocks.len() > 1);
+        // In what it takes it fits again, and so in more, in the same places.
+        let more: Vec<u64> = blocks.iter().map(|bytes| bytes + 512).chain([3]).collect();
+        for given in [&blocks, &more] {
+            assert_eq!(place(&requests, Limits::Given(given, 10_000)), Ok((placements.clone(), blocks.clone())));
+        }
+        let less = [&blocks[..1], &[0], &blocks[1..]].concat();
+        let (apart, _) = place(&requests, Limits::Given(&less, 10_000)).unwrap();
+        assert_apart(&requests, &apart);
+        assert!(apart.iter().all(|(block, _)| *block != 1));
+        assert!(place(&requests, Limits::Given(&blocks[1..], 10_000)).is_err());
+        assert!(place(&requests, Limits::Given(&[], 10_000)).is_err());
     }
 }

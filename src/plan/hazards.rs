@@ -4,8 +4,8 @@
 use super::{Buffer, Dispatch, Place};
 use crate::kernels::BufferId;
 
-/// Bytes `start..end` of one block.
-type Span = (usize, u64, u64);
+/// Bytes `start..end` of one block, persistent or of the arena.
+type Span = ((bool, usize), u64, u64);
 
 /// Sets [`Dispatch::barrier`] wherever a dependency asks for it, and nowhere else.
 pub fn mark(dispatches: &mut [Dispatch], buffers: &[Buffer]) {
@@ -30,7 +30,8 @@ fn spans(touched: &[(BufferId, u64)], buffers: &[Buffer]) -> Vec<Span> {
     touched
         .iter()
         .filter_map(|(id, _)| match buffers[id.0].place {
-            Place::Arena { block, offset } => Some((block, offset, offset + buffers[id.0].bytes)),
+            Place::Arena { block, offset } => Some(((false, block), offset, offset + buffers[id.0].bytes)),
+            Place::Persistent { block, offset } => Some(((true, block), offset, offset + buffers[id.0].bytes)),
             Place::Weights { .. } => None,
         })
         .collect()

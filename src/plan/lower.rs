@@ -1,6 +1,6 @@
 //! From graph and size to dispatches.
 
-use super::arena::{self, Request};
+use super::arena::{self, Limits, Request};
 use super::bands::Band;
 use super::featureless::{self, For};
 use super::pack::Pack;
@@ -24,17 +24,38 @@ const MAX_SIDE: u32 = 1 << 18;
 /// # Errors
 /// [`Error::EmptyFrame`]; [`Error::FrameTooLarge`] where a map exceeds `max_block_bytes` or a side 262144 pixels.
 pub fn plan(graph: &Graph, extent: Extent, options: &Target) -> Result<Plan> {
+    let planned = of_frame(graph, extent, options, Limits::Each(options.max_block_bytes))?;
+    planned.map_err(|bytes| map_too_large(extent, bytes, options))
+}
+
+/// The same in an arena that is there, with blocks of so many bytes. A frame's own blocks, or larger ones, hold it.
+///
+/// # Errors
+/// As [`plan`]; [`Error::FrameTooLarge`] where the maps do not fit the blocks.
+pub fn plan_in(graph: &Graph, extent: Extent, options: &Target, blocks: &[u64]) -> Result<Plan> {
+    let planned = of_frame(graph, extent, options, Limits::Given(blocks, options.max_block_bytes))?;
+    planned.map_err(|bytes| {
+        let reason = format!(
+            "its maps do not fit an arena with blocks of {blocks:?} bytes (there is no room for one of {bytes}): make the \
+             arena for this size too (Denoiser::arena_required)"
+        );
+        Error::FrameTooLarge { width: extent.width, height: extent.height, reason }
+    })
+}
+
+/// Fails within with the size of a map that no block holds.
+fn of_frame(graph: &Graph, extent: Extent, options: &Target, arena: Limits) -> Result<Result<Plan, u64>> {
     let graph = graph.folded(options.folds);
     let mut lowering = Lowering::new(&graph, extent, padded(&graph, extent)?, options);
     lowering.frame_in();
     lowering.ops();
     lowering.signals();
     lowering.frame_out();
-    lowering.finish(&[]).map_err(|bytes| map_too_large(extent, bytes, options))
+    Ok(lowering.finish(&[], arena))
 }
 
 /// Plans a graph's operations alone, without the frame around them: the caller fills [`Plan::log_color`] and
-/// [`Plan::aux`] and reads [`Plan::residual`], which keep their places throughout.
+/// [`Plan::aux`] and reads [`Plan::residual`], which are persistent.
 ///
 /// # Errors
 /// As [`plan`].
@@ -44,7 +65,7 @@ pub fn plan_part(graph: &Graph, extent: Extent, options: &Target) -> Result<Plan
     lowering.is_part = true;
     let kept = [graph.color, graph.aux, graph.residual].map(|value| lowering.value(value));
     lowering.ops();
-    lowering.finish(&kept).map_err(|bytes| map_too_large(extent, bytes, options))
+    lowering.finish(&kept, Limits::Each(options.max_block_bytes)).map_err(|bytes| map_too_large(extent, bytes, options))
 }
 
 /// The size that the network works on.
@@ -275,9 +296,9 @@ impl<'a> Lowering<'a> {
         op_flops(self.graph, op, self.padded.width, self.padded.height).total()
     }
 
-    /// Places the buffers, those of `kept` for all the time, and finds the barriers. Fails with the size of a buffer
+    /// Places the buffers, those of `kept` in persistent memory, and finds the barriers. Fails with the size of a buffer
     /// that no block holds.
-    fn finish(mut self, kept: &[BufferId]) -> Result<Plan, u64> {
+    fn finish(mut self, kept: &[BufferId], arena: Limits) -> Result<Plan, u64> {
         let options = self.options;
         let buffers = &self.buffers;
         features::mark(&mut self.dispatches, |id| matches!(buffers[id.0].place, Place::Weights { .. }));
@@ -321,21 +342,25 @@ impl<'a> Lowering<'a> {
                 time.1 = time.1.max(last);
             }
         }
-        let in_arena: Vec<usize> = (0..self.buffers.len())
-            .filter(|&i| matches!(self.buffers[i].place, Place::Arena { .. }) && times[i].is_some())
-            .collect();
-        let requests: Vec<Request> = in_arena
-            .iter()
-            .filter_map(|&i| times[i].map(|time| (i, time)))
-            .map(|(i, (first, last))| {
-                let always = options.keep_all || kept.contains(&BufferId(i));
+        let (persistent, in_arena): (Vec<_>, Vec<_>) = (0..self.buffers.len())
+            .filter(|&i| matches!(self.buffers[i].place, Place::Arena { .. }))
+            .filter_map(|i| times[i].map(|time| (i, time)))
+            .partition(|(i, _)| kept.contains(&BufferId(*i)));
+        let place = |buffers: &[Buffer], which: &[(usize, (usize, usize))], always: bool, limits: Limits| {
+            let request = |&(i, (first, last)): &(usize, (usize, usize))| {
                 let (first, last) = if always { (0, end) } else { (first, last) };
-                Request { bytes: self.buffers[i].bytes, first, last }
-            })
-            .collect();
-        let (placements, blocks) = arena::place(&requests, options.max_block_bytes)?;
-        for (&i, (block, offset)) in in_arena.iter().zip(placements) {
+                Request { bytes: buffers[i].bytes, first, last }
+            };
+            arena::place(&which.iter().map(request).collect::<Vec<_>>(), limits)
+        };
+        let (placements, blocks) = place(&self.buffers, &in_arena, options.keep_all, arena)?;
+        for ((i, _), (block, offset)) in in_arena.into_iter().zip(placements) {
             self.buffers[i].place = Place::Arena { block, offset };
+        }
+        let own = Limits::Each(options.max_block_bytes);
+        let (placements, persistent_blocks) = place(&self.buffers, &persistent, true, own)?;
+        for ((i, _), (block, offset)) in persistent.into_iter().zip(placements) {
+            self.buffers[i].place = Place::Persistent { block, offset };
         }
         let dispatches_for = |other: For| {
             let mut chosen: Vec<_> =
@@ -357,6 +382,7 @@ impl<'a> Lowering<'a> {
             dispatches,
             without_features,
             blocks,
+            persistent: persistent_blocks,
             weights_bytes: self.weights_bytes,
             stats: self.stats,
             keeps_features: options.keep_features,

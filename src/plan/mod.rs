@@ -2,7 +2,7 @@
 //! costed, recorded, and computed again on the CPU in f64 from the same list.
 
 pub mod active;
-mod arena;
+pub(crate) mod arena;
 mod aux_projection;
 mod bands;
 mod featureless;
@@ -27,7 +27,7 @@ use crate::kernels::{BufferId, Call, Grid, KernelTarget, Storage, Tiles, Traffic
 use crate::net::op::Stage;
 use pack::Pack;
 
-pub use lower::{plan, plan_part};
+pub use lower::{plan, plan_in, plan_part};
 
 /// Where a buffer of the plan lies.
 #[derive(Clone, Debug, PartialEq)]
@@ -35,6 +35,13 @@ pub enum Place {
     /// In the arena, which buffers of other times share.
     Arena {
         /// Which block of the arena.
+        block: usize,
+        /// Bytes from the block's start.
+        offset: u64,
+    },
+    /// In memory of the pass's own, which nothing else uses: what outlives a recording, or is filled before it.
+    Persistent {
+        /// Which block of it.
         block: usize,
         /// Bytes from the block's start.
         offset: u64,
@@ -190,8 +197,10 @@ pub struct Plan {
     pub dispatches: Vec<Dispatch>,
     /// What runs in place of it for a frame without albedo, normal and depth, with the same bits; `None`: nothing else.
     pub without_features: Option<Vec<Dispatch>>,
-    /// Bytes of each block of the arena.
+    /// Bytes of each block of the arena, whose content a recording neither expects nor leaves to the next.
     pub blocks: Vec<u64>,
+    /// Bytes of each block of persistent memory.
+    pub persistent: Vec<u64>,
     /// Bytes of all packed weights.
     pub weights_bytes: u64,
     /// The network's colour input c.
@@ -206,7 +215,7 @@ pub struct Plan {
     pub quiet: Option<active::Activity>,
     /// Where a tile of a larger frame takes what is of the whole from; `None`: it is the whole.
     pub given: Option<tile::Given>,
-    /// Whether what depends on the features alone keeps its place between frames ([`Target::keep_features`]).
+    /// Whether what depends on the features alone is persistent ([`Target::keep_features`]).
     pub keeps_features: bool,
 }
 
@@ -232,8 +241,8 @@ impl Plan {
         std::iter::once(self.stats).chain(activity).chain(sums).collect()
     }
 
-    /// Device memory of arena and weights, in bytes.
+    /// Device memory of arena, persistent buffers and weights, in bytes.
     pub fn bytes(&self) -> u64 {
-        self.blocks.iter().sum::<u64>() + self.weights_bytes
+        self.blocks.iter().chain(&self.persistent).sum::<u64>() + self.weights_bytes
     }
 }

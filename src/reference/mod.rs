@@ -79,7 +79,7 @@ impl<'a> Reference<'a> {
     pub fn for_calls(extent: Extent, buffers: &'a [Buffer], weights: &Weights) -> Result<Self, WeightsError> {
         let parameters = buffers.iter().map(|buffer| match &buffer.place {
             Place::Weights { pack, .. } => Parameters::new(pack, weights).map(Some),
-            Place::Arena { .. } => Ok(None),
+            Place::Arena { .. } | Place::Persistent { .. } => Ok(None),
         });
         Ok(Self {
             extent,

@@ -4,6 +4,7 @@ use super::matrix::{self, MatrixShape};
 use crate::kernels::contract::{ConstantValue, Need, Sharing, Specialisation};
 use crate::kernels::contracts::MATRIX_SUBGROUPS;
 use ash::vk;
+use std::ffi::CStr;
 use std::fmt;
 
 /// What kind of device it is.
@@ -331,17 +332,30 @@ pub(crate) fn inspect(instance: &ash::Instance, physical: vk::PhysicalDevice, in
     (info, caps)
 }
 
+/// A bit for each memory type that is the device's own.
+pub(crate) fn local_types(instance: &ash::Instance, physical: vk::PhysicalDevice) -> u32 {
+    // SAFETY: `physical` comes from `instance`.
+    let memory = unsafe { instance.get_physical_device_memory_properties(physical) };
+    let local = |ty: &vk::MemoryType| ty.property_flags.contains(vk::MemoryPropertyFlags::DEVICE_LOCAL);
+    let types = memory.memory_types_as_slice().iter().enumerate().filter(|(_, ty)| local(ty));
+    types.fold(0, |bits, (i, _)| bits | 1 << i)
+}
+
+/// Whether a physical device has an extension.
+pub(crate) fn has_extension(instance: &ash::Instance, physical: vk::PhysicalDevice, name: &CStr) -> bool {
+    // SAFETY: `physical` comes from `instance`.
+    let extensions = unsafe { instance.enumerate_device_extension_properties(physical) }.unwrap_or_default();
+    extensions.iter().any(|extension| extension.extension_name_as_c_str() == Ok(name))
+}
+
 /// Whether a physical device tells what its compiler made of a pipeline.
 pub(crate) fn has_pipeline_statistics(instance: &ash::Instance, physical: vk::PhysicalDevice) -> bool {
-    // SAFETY: `physical` comes from `instance`; the same below.
-    let extensions = unsafe { instance.enumerate_device_extension_properties(physical) }.unwrap_or_default();
-    let name = Ok(ash::khr::pipeline_executable_properties::NAME);
-    if !extensions.iter().any(|extension| extension.extension_name_as_c_str() == name) {
+    if !has_extension(instance, physical, ash::khr::pipeline_executable_properties::NAME) {
         return false;
     }
     let mut executables = vk::PhysicalDevicePipelineExecutablePropertiesFeaturesKHR::default();
     let mut features = vk::PhysicalDeviceFeatures2::default().push_next(&mut executables);
-    // SAFETY: as above; the chained struct is one of an extension that the device has.
+    // SAFETY: `physical` comes from `instance`; the chained struct is one of an extension that the device has.
     unsafe { instance.get_physical_device_features2(physical, &mut features) };
     executables.pipeline_executable_info == vk::TRUE
 }

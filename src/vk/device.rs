@@ -2,13 +2,15 @@
 
 use super::Checked;
 use super::caps::{self, Caps, DeviceInfo, Requirements};
+use super::debug;
 use super::instance::{Messages, OwnedInstance};
+use super::interop::Interop;
 use super::matrix::{self, MatrixShape};
 use super::pipeline_cache::PipelineCache;
 use super::selector::{DeviceSelector, enumerate, select};
 use crate::vk::cache::Cache;
 use crate::error::{Error, Result};
-use ash::{khr, vk};
+use ash::{ext, khr, vk};
 use gpu_allocator::vulkan::{Allocator, AllocatorCreateDesc};
 use std::ffi::CStr;
 use std::mem::ManuallyDrop;
@@ -61,6 +63,8 @@ pub struct RendererDevice {
     /// [`Requirements::matrix_extensions`] and [`Requirements::matrix_features`]: [`crate::Precision::Matrix`] needs
     /// them.
     pub cooperative_matrix: Option<khr::cooperative_matrix::Instance>,
+    /// Whether `VK_EXT_debug_utils` was enabled on the instance: objects then have names, and recordings labels.
+    pub debug_utils: bool,
     /// Where compiled kernels are kept for the next process.
     pub cache: Cache,
 }
@@ -84,6 +88,7 @@ impl RendererDevice {
             subgroup_broadcast_dynamic_id: false,
             host_query_reset: false,
             cooperative_matrix: None,
+            debug_utils: false,
             cache: Cache::User,
         }
     }
@@ -105,6 +110,12 @@ struct Inner {
     queue: Option<Mutex<vk::Queue>>,
     /// Set where pipelines capture statistics.
     executables: Option<khr::pipeline_executable_properties::Device>,
+    /// What can be shared with other APIs and devices: nothing of a renderer's, which shares its own.
+    interop: Interop,
+    /// A bit for each memory type that is the device's own.
+    local_types: u32,
+    /// Set where objects get names and recordings labels.
+    debug: Option<ext::debug_utils::Device>,
     /// Set where the device is ours to destroy.
     owned: Option<OwnedInstance>,
 }
@@ -182,6 +193,8 @@ impl Device {
             .buffer_device_address(true)
             .shader_float16(caps.float16)
             .host_query_reset(caps.host_query_reset)
+            // Every device of Vulkan 1.2 has it.
+            .timeline_semaphore(true)
             .subgroup_broadcast_dynamic_id(caps.subgroup_broadcast)
             .vulkan_memory_model(caps.matrix.is_some())
             .vulkan_memory_model_device_scope(caps.matrix.is_some());
@@ -192,7 +205,8 @@ impl Device {
             .enabled_features(&features)
             .push_next(&mut features12)
             .push_next(&mut features11);
-        let mut extensions = Vec::new();
+        let interop = Interop::of(&instance.raw, physical);
+        let mut extensions = interop.extensions();
         let mut matrix_features = matrix::Features::all();
         if caps.matrix.is_some() {
             extensions.extend(matrix::EXTENSIONS.map(CStr::as_ptr));
@@ -209,6 +223,7 @@ impl Device {
         // SAFETY: extensions and features were reported by this physical device; the pointers outlive the call.
         let raw = unsafe { instance.raw.create_device(physical, &create, None) }.called("vkCreateDevice")?;
         let raw = patch(raw);
+        let debug = if instance.debug_utils { debug::load(&instance.raw, &raw) } else { None };
         let executables = statistics.then(|| khr::pipeline_executable_properties::Device::new(&instance.raw, &raw));
         // SAFETY: the family and the one queue of it were just created.
         let queue = unsafe { raw.get_device_queue(queue_family, 0) };
@@ -231,6 +246,9 @@ impl Device {
             queue_family,
             queue: Some(Mutex::new(queue)),
             executables,
+            interop,
+            local_types: caps::local_types(&instance.raw, physical),
+            debug,
             owned: Some(instance),
         })))
     }
@@ -239,7 +257,8 @@ impl Device {
     /// submits or waits: passes are recorded into the renderer's command buffers ([`crate::Pass::record`]).
     ///
     /// # Errors
-    /// [`Error::Unsupported`] where the physical device cannot run the denoiser at all; [`Error::Vulkan`].
+    /// [`Error::Unsupported`] where the physical device cannot run the denoiser at all; [`Error::InvalidOption`] where
+    /// `debug_utils` is set and the functions are not there; [`Error::Vulkan`].
     ///
     /// # Safety
     /// The handles must be valid, belong together and outlive this `Device` and everything made from it; the device
@@ -256,6 +275,7 @@ impl Device {
             subgroup_broadcast_dynamic_id,
             host_query_reset,
             cooperative_matrix,
+            debug_utils,
             cache,
         } = renderer;
         // SAFETY: the caller vouches for the handles.
@@ -272,6 +292,7 @@ impl Device {
             let missing = format!("compute on queue family {queue_family}");
             return Err(Error::Unsupported { device: info.name, missing });
         }
+        let debug = if debug_utils { Some(needed_debug(&instance, &device)?) } else { None };
         let caps = Caps {
             int64: caps.int64 && shader_int64,
             subgroup_broadcast: caps.subgroup_broadcast && subgroup_broadcast_dynamic_id,
@@ -291,6 +312,9 @@ impl Device {
             queue_family,
             queue: None,
             executables: None,
+            interop: Interop::default(),
+            local_types: caps::local_types(&instance, physical_device),
+            debug,
             owned: None,
         })))
     }
@@ -330,6 +354,35 @@ impl Device {
         &self.0.raw
     }
 
+    /// What the device can share with other APIs and devices, by file descriptors; nothing where it is a renderer's, which
+    /// shares its own.
+    pub fn interop(&self) -> Interop {
+        self.0.interop
+    }
+
+    /// The instance, where it is ours.
+    pub(crate) fn instance(&self) -> Option<&ash::Instance> {
+        self.0.owned.as_ref().map(|owned| &owned.raw)
+    }
+
+    /// Of some memory types the first that is the device's own, or the first.
+    pub(crate) fn memory_type(&self, types: u32) -> u32 {
+        match types & self.0.local_types {
+            0 => types.trailing_zeros(),
+            local => local.trailing_zeros(),
+        }
+    }
+
+    /// Where shaders find a buffer.
+    ///
+    /// # Safety
+    /// The buffer is valid, of this device, bound to memory, and was made with `SHADER_DEVICE_ADDRESS`.
+    pub(crate) unsafe fn buffer_address(&self, buffer: vk::Buffer) -> u64 {
+        let info = vk::BufferDeviceAddressInfo::default().buffer(buffer);
+        // SAFETY: the caller vouches for the buffer.
+        unsafe { self.raw().get_buffer_device_address(&info) }
+    }
+
     pub(crate) fn allocator(&self) -> &Mutex<Allocator> {
         &self.0.allocator
     }
@@ -341,6 +394,11 @@ impl Device {
     /// What reads the statistics of pipelines; pipelines capture them where this is set.
     pub(crate) fn executables(&self) -> Option<&khr::pipeline_executable_properties::Device> {
         self.0.executables.as_ref()
+    }
+
+    /// What names objects and labels recordings, where somebody may see it.
+    pub(crate) fn debug(&self) -> Option<&ext::debug_utils::Device> {
+        self.0.debug.as_ref()
     }
 
     pub(crate) fn pipeline_cache(&self) -> &PipelineCache {
@@ -368,6 +426,13 @@ impl Drop for Inner {
             }
         }
     }
+}
+
+fn needed_debug(instance: &ash::Instance, device: &ash::Device) -> Result<ext::debug_utils::Device> {
+    debug::load(instance, device).ok_or_else(|| Error::InvalidOption {
+        option: "debug_utils",
+        reason: "set, and the functions of VK_EXT_debug_utils are not there; enable it when the instance is made".into(),
+    })
 }
 
 fn allocator(

@@ -20,6 +20,8 @@ pub(crate) struct OwnedInstance {
     // Keeps the loader's library open for as long as the instance lives.
     pub entry: ash::Entry,
     pub raw: ash::Instance,
+    /// Whether `VK_EXT_debug_utils` is enabled.
+    pub debug_utils: bool,
     messenger: Option<(ext::debug_utils::Instance, vk::DebugUtilsMessengerEXT)>,
     /// Boxed so that the messenger's user pointer stays valid wherever the struct moves.
     messages: Box<Messages>,
@@ -51,8 +53,14 @@ impl OwnedInstance {
                 });
             }
             layers.push(VALIDATION.as_ptr());
-            extensions.push(ext::debug_utils::NAME.as_ptr());
             extensions.push(ext::validation_features::NAME.as_ptr());
+        }
+        // SAFETY: plain query of the loader.
+        let known = unsafe { entry.enumerate_instance_extension_properties(None) }.unwrap_or_default();
+        let debug_utils = validation
+            || known.iter().any(|extension| extension.extension_name_as_c_str() == Ok(ext::debug_utils::NAME));
+        if debug_utils {
+            extensions.push(ext::debug_utils::NAME.as_ptr());
         }
         let enabled = [vk::ValidationFeatureEnableEXT::SYNCHRONIZATION_VALIDATION];
         let mut features = vk::ValidationFeaturesEXT::default().enabled_validation_features(&enabled);
@@ -69,7 +77,7 @@ impl OwnedInstance {
             return Err(Error::NoDevice(NO_DRIVER.into()));
         }
         let raw = created.called("vkCreateInstance")?;
-        let mut instance = Self { messenger: None, messages: Box::default(), raw, entry };
+        let mut instance = Self { debug_utils, messenger: None, messages: Box::default(), raw, entry };
         if validation {
             let loader = ext::debug_utils::Instance::new(&instance.entry, &instance.raw);
             let info = vk::DebugUtilsMessengerCreateInfoEXT::default()

@@ -40,6 +40,7 @@ impl Buffer {
             created => created.called("vkCreateBuffer")?,
         };
         let mut buffer = Self { device: device.clone(), raw, allocation: None, address: 0, size };
+        device.name(raw, name);
         // SAFETY: the buffer was made from this device.
         let requirements = unsafe { vk_device.get_buffer_memory_requirements(raw) };
         // The arena is one block for long: a block of its own memory keeps gpu-allocator from rounding it up.
@@ -60,9 +61,8 @@ impl Buffer {
         buffer.allocation = Some(allocation);
         device.memory_in_use().fetch_add(size, Ordering::Relaxed);
         bound.called("vkBindBufferMemory")?;
-        let info = vk::BufferDeviceAddressInfo::default().buffer(raw);
         // SAFETY: bound, and made with SHADER_DEVICE_ADDRESS.
-        buffer.address = unsafe { vk_device.get_buffer_device_address(&info) };
+        buffer.address = unsafe { device.buffer_address(raw) };
         Ok(buffer)
     }
 

@@ -1,18 +1,24 @@
 //! Everything that touches Vulkan: devices, memory, pipelines, submission. `unsafe` lives here and where commands are
-//! recorded or a renderer's handles are taken (`record.rs`, `pass.rs`, `renderer.rs`, `host.rs`).
+//! recorded or a caller's handles are taken (`record.rs`, `recorded.rs`, `pass.rs`, `arena.rs`, `renderer.rs`, `host.rs`).
 
 pub(crate) mod cache;
 pub mod caps;
+pub(crate) mod debug;
 pub mod device;
 pub mod instance;
+pub(crate) mod interop;
 pub mod matrix;
 pub mod memory;
 pub mod pipeline;
 pub mod pipeline_cache;
 pub mod raw;
 pub mod selector;
+#[cfg(unix)]
+pub(crate) mod shared_buffer;
 pub mod statistics;
 pub mod submit;
+#[cfg(unix)]
+pub(crate) mod timeline;
 pub mod timestamps;
 
 use crate::error::{Error, Result};

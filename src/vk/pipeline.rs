@@ -81,6 +81,7 @@ impl Pipeline {
         unsafe { vk_device.destroy_shader_module(module, None) };
         pipeline.raw =
             made.map_err(|(_, result)| result).called("vkCreateComputePipelines")?.first().copied().unwrap_or_default();
+        device.name(pipeline.raw, &format!("{}{special}", contract.name));
         Ok(pipeline)
     }
 }

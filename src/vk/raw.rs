@@ -39,6 +39,8 @@ pub struct EnabledFeatures {
     /// `VK_KHR_cooperative_matrix`, with all of [`matrix_extensions`](crate::Requirements::matrix_extensions) and
     /// [`matrix_features`](crate::Requirements::matrix_features): [`crate::Precision::Matrix`] needs them.
     pub cooperative_matrix: bool,
+    /// `VK_EXT_debug_utils`, of the instance: objects then have names, and recordings labels.
+    pub debug_utils: bool,
 }
 
 impl RendererDevice {
@@ -93,6 +95,7 @@ impl RendererDevice {
             subgroup_broadcast_dynamic_id,
             host_query_reset,
             cooperative_matrix,
+            debug_utils,
         } = raw.enabled;
         let matrices = cooperative_matrix.then(|| khr::cooperative_matrix::Instance::new(&entry, &instance));
         // SAFETY: as above.
@@ -104,6 +107,7 @@ impl RendererDevice {
             subgroup_broadcast_dynamic_id,
             host_query_reset,
             cooperative_matrix: matrices,
+            debug_utils,
             ..Self::new(instance, physical_device, device, raw.queue_family)
         })
     }

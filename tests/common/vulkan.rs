@@ -18,6 +18,8 @@ pub struct Renderer {
     broadcast_dynamic_id: bool,
     pub host_query_reset: bool,
     matrices: bool,
+    /// Where the device has it.
+    pub external_memory: Option<khr::external_memory_fd::Device>,
     queue: vk::Queue,
     pool: vk::CommandPool,
     memory: vk::PhysicalDeviceMemoryProperties,
@@ -103,7 +105,15 @@ impl Renderer {
             let mut subgroup = vk::PhysicalDeviceSubgroupSizeControlFeatures::default()
                 .subgroup_size_control(true)
                 .compute_full_subgroups(true);
-            let names = [khr::cooperative_matrix::NAME, ext::subgroup_size_control::NAME].map(CStr::as_ptr);
+            let known = instance.enumerate_device_extension_properties(physical_device).unwrap();
+            let has_fds = known.iter().any(|e| e.extension_name_as_c_str() == Ok(khr::external_memory_fd::NAME));
+            let mut names = Vec::new();
+            if matrices {
+                names.extend([khr::cooperative_matrix::NAME, ext::subgroup_size_control::NAME].map(CStr::as_ptr));
+            }
+            if has_fds {
+                names.push(khr::external_memory_fd::NAME.as_ptr());
+            }
             let mut features11 = vk::PhysicalDeviceVulkan11Features::default().storage_buffer16_bit_access(storage16);
             let queues =
                 [vk::DeviceQueueCreateInfo::default().queue_family_index(queue_family).queue_priorities(&[1.0])];
@@ -111,16 +121,18 @@ impl Renderer {
             let mut info = vk::DeviceCreateInfo::default()
                 .queue_create_infos(&queues)
                 .enabled_features(&features)
+                .enabled_extension_names(&names)
                 .push_next(&mut features12)
                 .push_next(&mut features11);
             if matrices {
-                info = info.enabled_extension_names(&names).push_next(&mut matrix).push_next(&mut subgroup);
+                info = info.push_next(&mut matrix).push_next(&mut subgroup);
             }
             let device = instance.create_device(physical_device, &info, None).unwrap();
             let queue = device.get_device_queue(queue_family, 0);
             let info = vk::CommandPoolCreateInfo::default().queue_family_index(queue_family);
             let pool = device.create_command_pool(&info, None).unwrap();
             let memory = instance.get_physical_device_memory_properties(physical_device);
+            let external_memory = has_fds.then(|| khr::external_memory_fd::Device::new(&instance, &device));
             Self {
                 entry,
                 instance,
@@ -132,6 +144,7 @@ impl Renderer {
                 broadcast_dynamic_id,
                 host_query_reset,
                 matrices,
+                external_memory,
                 queue,
                 pool,
                 memory,
@@ -150,6 +163,7 @@ impl Renderer {
         handles.host_query_reset = self.host_query_reset;
         handles.cooperative_matrix =
             self.matrices.then(|| khr::cooperative_matrix::Instance::new(&self.entry, &self.instance));
+        handles.debug_utils = true;
         handles.cache = Cache::Off;
         handles
     }
@@ -168,6 +182,7 @@ impl Renderer {
                 subgroup_broadcast_dynamic_id: self.broadcast_dynamic_id,
                 host_query_reset: self.host_query_reset,
                 cooperative_matrix: self.matrices,
+                debug_utils: true,
             },
         }
     }
@@ -244,6 +259,10 @@ impl Renderer {
             | vk::BufferUsageFlags::SHADER_DEVICE_ADDRESS
             | vk::BufferUsageFlags::TRANSFER_SRC
             | vk::BufferUsageFlags::TRANSFER_DST;
+        self.buffer_for(size, usage)
+    }
+
+    pub fn buffer_for(&self, size: u64, usage: vk::BufferUsageFlags) -> RendererBuffer {
         let info = vk::BufferCreateInfo::default().size(size).usage(usage);
         // SAFETY: plain buffer on our device, mapped for good.
         unsafe {

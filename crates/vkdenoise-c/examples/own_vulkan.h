@@ -97,7 +97,8 @@ static inline void own_pick_device(struct own_vulkan *own) {
     own->queue_family++;
 }
 
-static inline void own_make_device(struct own_vulkan *own) {
+// `extension`: one more to enable, or NULL.
+static inline void own_make_device(struct own_vulkan *own, const char *extension) {
   VkPhysicalDeviceVulkan12Features has12 = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_2_FEATURES};
   VkPhysicalDeviceVulkan11Features has11 = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_1_FEATURES,
                                             .pNext = &has12};
@@ -125,7 +126,9 @@ static inline void own_make_device(struct own_vulkan *own) {
   VkDeviceCreateInfo device = {.sType = VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO,
                                .pNext = &enable,
                                .queueCreateInfoCount = 1,
-                               .pQueueCreateInfos = &queue};
+                               .pQueueCreateInfos = &queue,
+                               .enabledExtensionCount = extension ? 1 : 0,
+                               .ppEnabledExtensionNames = &extension};
   VK(vkCreateDevice(own->physical_device, &device, NULL, &own->device));
   vkGetDeviceQueue(own->device, own->queue_family, 0, &own->queue);
   VkCommandPoolCreateInfo pool = {.sType = VK_STRUCTURE_TYPE_COMMAND_POOL_CREATE_INFO,
@@ -134,12 +137,14 @@ static inline void own_make_device(struct own_vulkan *own) {
 }
 
 // `own` must stay where it is: the messenger counts in it.
-static inline void own_vulkan_open(struct own_vulkan *own) {
+static inline void own_vulkan_open_with(struct own_vulkan *own, const char *extension) {
   memset(own, 0, sizeof *own);
   own_make_instance(own);
   own_pick_device(own);
-  own_make_device(own);
+  own_make_device(own, extension);
 }
+
+static inline void own_vulkan_open(struct own_vulkan *own) { own_vulkan_open_with(own, NULL); }
 
 static inline void own_vulkan_close(struct own_vulkan *own) {
   vkDestroyCommandPool(own->device, own->pool, NULL);

@@ -171,6 +171,8 @@ enum vkdenoise_feature
   // VK_KHR_cooperative_matrix, with all that vkdenoise_requirement names for it: GPUs then run several times as
   // fast.
   VKDENOISE_FEATURE_COOPERATIVE_MATRIX = 16,
+  // VK_EXT_debug_utils, of the instance: objects then have names, and recordings labels.
+  VKDENOISE_FEATURE_DEBUG_UTILS = 32,
 };
 #ifndef __cplusplus
 #if __STDC_VERSION__ >= 202311L
@@ -286,6 +288,50 @@ typedef uint32_t vkdenoise_signal_kind;
 #endif // __STDC_VERSION__ >= 202311L
 #endif // __cplusplus
 
+// Which way something can be handed over, added up in vkdenoise_interop.
+enum vkdenoise_transfer
+#if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+  : uint32_t
+#endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+ {
+  // The device can take another's.
+  VKDENOISE_TRANSFER_IMPORT = 1,
+  // Another can take the device's.
+  VKDENOISE_TRANSFER_EXPORT = 2,
+  // Memory must be allocated for the one buffer in it (VkMemoryDedicatedAllocateInfo), by both sides.
+  VKDENOISE_TRANSFER_DEDICATED = 4,
+};
+#ifndef __cplusplus
+#if __STDC_VERSION__ >= 202311L
+typedef enum vkdenoise_transfer vkdenoise_transfer;
+#else
+typedef uint32_t vkdenoise_transfer;
+#endif // __STDC_VERSION__ >= 202311L
+#endif // __cplusplus
+
+// A kind of file descriptor for memory.
+enum vkdenoise_memory_handle
+#if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+  : uint32_t
+#endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+ {
+  // VK_EXTERNAL_MEMORY_HANDLE_TYPE_OPAQUE_FD_BIT: between Vulkan, CUDA and OpenGL on the same device and driver.
+  VKDENOISE_MEMORY_HANDLE_OPAQUE_FD = 0,
+  // VK_EXTERNAL_MEMORY_HANDLE_TYPE_DMA_BUF_BIT_EXT.
+  VKDENOISE_MEMORY_HANDLE_DMA_BUF = 1,
+};
+#ifndef __cplusplus
+#if __STDC_VERSION__ >= 202311L
+typedef enum vkdenoise_memory_handle vkdenoise_memory_handle;
+#else
+typedef uint32_t vkdenoise_memory_handle;
+#endif // __STDC_VERSION__ >= 202311L
+#endif // __cplusplus
+
+// Device memory that passes of several frame sizes, or of several denoisers on one device, compute in, whichever
+// runs. Nothing in it outlives a recording. Its passes are submitted to one queue.
+typedef struct vkdenoise_arena vkdenoise_arena;
+
 // A renderer's planes, resolved for a pass.
 typedef struct vkdenoise_binding vkdenoise_binding;
 
@@ -301,6 +347,34 @@ typedef struct vkdenoise_device_list vkdenoise_device_list;
 // The denoiser for one frame size, with the memory of its feature maps. Frames in flight may share it as long as
 // they are submitted to one queue.
 typedef struct vkdenoise_pass vkdenoise_pass;
+
+// A pass recorded for the queue of a device that the library opened, to be submitted any number of times.
+typedef struct vkdenoise_recorded vkdenoise_recorded;
+
+// A buffer whose memory another API or device has too.
+typedef struct vkdenoise_shared_buffer vkdenoise_shared_buffer;
+
+// A timeline semaphore: a number that grows, and that queues and hosts wait for and raise.
+typedef struct vkdenoise_timeline vkdenoise_timeline;
+
+// A frame's size in pixels.
+typedef struct vkdenoise_size {
+  uint32_t width;
+  uint32_t height;
+} vkdenoise_size;
+
+// A block of an arena in a caller's buffer.
+typedef struct vkdenoise_arena_block {
+  // sizeof(vkdenoise_arena_block).
+  size_t struct_size;
+  // A VkBuffer made with vkdenoise_arena_usage(), bound to device-local memory that was allocated with
+  // VK_MEMORY_ALLOCATE_DEVICE_ADDRESS_BIT. Several blocks may lie in one.
+  uint64_t buffer;
+  // Bytes from its start, a multiple of vkdenoise_arena_alignment().
+  uint64_t offset;
+  // Bytes of the block.
+  uint64_t bytes;
+} vkdenoise_arena_block;
 
 // How a denoiser works. All zeros but struct_size: the defaults.
 typedef struct vkdenoise_options {
@@ -323,8 +397,8 @@ typedef struct vkdenoise_options {
   uint32_t keep_aux;
   // 1: frames may come with signals (vkdenoise_frame.signals). For VKDENOISE_QUALITY_HIGH; it may cost device memory.
   uint32_t signals;
-  // Must be 0.
-  uint32_t reserved;
+  // 1: recordings label every kernel, and not the pass alone, for graphics debuggers (VK_EXT_debug_utils).
+  uint32_t label_kernels;
 } vkdenoise_options;
 
 // Device memory that a frame size takes, in bytes.
@@ -337,6 +411,8 @@ typedef struct vkdenoise_memory {
   uint64_t weights;
   // Planes on their way in and out, in the host path alone.
   uint64_t staging;
+  // What outlives a recording, such as the maps of vkdenoise_options.keep_aux: a pass's own, in whatever arena.
+  uint64_t persistent;
 } vkdenoise_memory;
 
 // What a device is. Text ends with a zero and is cut where it does not fit.
@@ -553,6 +629,41 @@ typedef struct vkdenoise_report {
   uint32_t tiles;
 } vkdenoise_report;
 
+// What a device that the library opened can share with other APIs and devices; all 0 for a renderer's, which shares
+// its own.
+typedef struct vkdenoise_interop {
+  // sizeof(vkdenoise_interop), set by the caller.
+  size_t struct_size;
+  // vkdenoise_transfer values of buffers by VKDENOISE_MEMORY_HANDLE_OPAQUE_FD.
+  uint32_t opaque_fd;
+  // vkdenoise_transfer values of buffers by VKDENOISE_MEMORY_HANDLE_DMA_BUF.
+  uint32_t dma_buf;
+  // vkdenoise_transfer values of timeline semaphores by opaque file descriptors.
+  uint32_t timeline_fd;
+  // Must be 0.
+  uint32_t reserved;
+  // What tells the device from others in every API (VkPhysicalDeviceIDProperties).
+  uint8_t device_uuid[16];
+  // The same of its driver.
+  uint8_t driver_uuid[16];
+} vkdenoise_interop;
+
+// Memory on its way from one API or device to another.
+typedef struct vkdenoise_shared_memory {
+  // sizeof(vkdenoise_shared_memory).
+  size_t struct_size;
+  // Bytes that were allocated.
+  uint64_t bytes;
+  // The file descriptor.
+  int32_t fd;
+  // A vkdenoise_memory_handle.
+  uint32_t handle;
+  // The index of the memory type that it was allocated of; of a dma-buf it is not looked at.
+  uint32_t memory_type;
+  // Must be 0.
+  uint32_t reserved;
+} vkdenoise_shared_memory;
+
 // A plane in a VkBuffer: three channels (colour, albedo, normal, output) or one (depth, noise).
 typedef struct vkdenoise_buffer_plane {
   // sizeof(vkdenoise_buffer_plane).
@@ -662,6 +773,16 @@ typedef struct vkdenoise_image_frame {
   size_t signal_count;
 } vkdenoise_image_frame;
 
+// A value of a timeline semaphore, to wait for or to signal.
+typedef struct vkdenoise_timeline_point {
+  // sizeof(vkdenoise_timeline_point).
+  size_t struct_size;
+  // The semaphore.
+  const struct vkdenoise_timeline *timeline;
+  // The value: what waits goes on when the semaphore's is at least as large.
+  uint64_t value;
+} vkdenoise_timeline_point;
+
 #ifdef __cplusplus
 extern "C" {
 #endif // __cplusplus
@@ -672,6 +793,61 @@ uint32_t vkdenoise_abi_version(void);
 
 // The library's release, such as "0.1.0". Never NULL; it lives as long as the library.
 const char *vkdenoise_version(void);
+
+// The VkBufferUsageFlags of the buffers of an arena.
+uint32_t vkdenoise_arena_usage(void);
+
+// Of what number of bytes the offset of a block in its buffer must be a multiple.
+uint64_t vkdenoise_arena_alignment(void);
+
+// The memory of an arena in which passes of all these sizes fit, one at a time: bytes of each block. There is more
+// than one block where a frame's maps take more than the device allocates at once. A smaller frame takes less of each
+// as a rule and not by law: list every size that must fit. Nothing is allocated.
+//
+// @param sizes as many as `size_count` says.
+// @param blocks receives the bytes of each block, as many as `block_count` says at most; NULL: only counted.
+// @param block_count receives how many blocks there are.
+vkdenoise_status vkdenoise_denoiser_arena_required(const struct vkdenoise_denoiser *denoiser,
+                                                   const struct vkdenoise_size *sizes,
+                                                   size_t size_count,
+                                                   uint64_t *blocks,
+                                                   size_t *block_count);
+
+// Allocates an arena.
+//
+// @param blocks bytes of each block; where several denoisers share an arena, of each block the largest.
+// @param arena receives the arena; destroy it with vkdenoise_arena_destroy.
+vkdenoise_status vkdenoise_arena_create(const struct vkdenoise_device *device,
+                                        const uint64_t *blocks,
+                                        size_t block_count,
+                                        struct vkdenoise_arena **arena);
+
+// An arena in the caller's memory, which is neither freed nor mapped. The buffers belong to the device and live until
+// the commands of the arena's passes have run and the passes are destroyed; blocks do not overlap. What else uses the
+// memory is ordered by the caller, as compute shaders that write all of it would be.
+//
+// @param arena receives the arena; destroy it with vkdenoise_arena_destroy.
+vkdenoise_status vkdenoise_arena_from_buffers(const struct vkdenoise_device *device,
+                                              const struct vkdenoise_arena_block *blocks,
+                                              size_t block_count,
+                                              struct vkdenoise_arena **arena);
+
+// Device memory that the library allocated for the arena, in bytes: 0 in the caller's memory, and for NULL.
+uint64_t vkdenoise_arena_device_bytes(const struct vkdenoise_arena *arena);
+
+// Destroys an arena. Its passes can still be used and keep its memory. NULL is nothing.
+void vkdenoise_arena_destroy(struct vkdenoise_arena *arena);
+
+// Prepares a frame size for a renderer in an arena that passes share, as for a resolution that changes while the
+// renderer runs: make the passes of all sizes ahead, and record the one that a frame needs. Plans; what outlives a
+// recording (vkdenoise_memory.persistent) is allocated for the pass alone.
+//
+// @param pass receives the pass; destroy it with vkdenoise_pass_destroy.
+vkdenoise_status vkdenoise_pass_create_in(const struct vkdenoise_denoiser *denoiser,
+                                          const struct vkdenoise_arena *arena,
+                                          uint32_t width,
+                                          uint32_t height,
+                                          struct vkdenoise_pass **pass);
 
 // Puts a network on a device. Nothing that depends on a frame's size is made yet.
 //
@@ -687,8 +863,12 @@ void vkdenoise_denoiser_destroy(struct vkdenoise_denoiser *denoiser);
 // The precision that the denoiser works in: a vkdenoise_precision, never VKDENOISE_PRECISION_AUTO but for NULL.
 uint32_t vkdenoise_denoiser_precision(const struct vkdenoise_denoiser *denoiser);
 
-// The device memory that a frame size takes. Nothing is allocated. The host path takes arena, weights and staging, a
-// renderer's pass arena and weights.
+// Device memory that the denoiser holds now, in bytes: the weights, and what the host path keeps of the last size. Not
+// passes and arenas, which tell of theirs. 0 for NULL, and within a progress callback of the denoiser.
+uint64_t vkdenoise_denoiser_device_bytes(const struct vkdenoise_denoiser *denoiser);
+
+// The device memory that a frame size takes. Nothing is allocated. The host path takes all of it, a renderer's pass
+// all but staging.
 //
 // @param memory set its struct_size; the rest is filled in.
 vkdenoise_status vkdenoise_denoiser_memory_required(const struct vkdenoise_denoiser *denoiser,
@@ -757,6 +937,81 @@ vkdenoise_status vkdenoise_denoise(struct vkdenoise_denoiser *denoiser,
                                    const struct vkdenoise_frame_options *options,
                                    struct vkdenoise_report *report);
 
+// What a device can share with CUDA, OpenGL and other Vulkan devices.
+//
+// @param interop set its struct_size; the rest is filled in.
+vkdenoise_status vkdenoise_device_get_interop(const struct vkdenoise_device *device,
+                                              struct vkdenoise_interop *interop);
+
+// Allocates a buffer that can be exported, on a device of the library's own.
+//
+// @param handle a vkdenoise_memory_handle.
+// @param buffer receives the buffer; destroy it with vkdenoise_shared_buffer_destroy.
+vkdenoise_status vkdenoise_shared_buffer_create(const struct vkdenoise_device *device,
+                                                uint64_t size,
+                                                uint32_t handle,
+                                                struct vkdenoise_shared_buffer **buffer);
+
+// A buffer at the start of another's memory. An opaque descriptor is of the same device and driver, from a dedicated
+// allocation if and only if vkdenoise_interop says so. The descriptor stays the caller's, to be closed by it.
+//
+// @param buffer receives the buffer; destroy it with vkdenoise_shared_buffer_destroy.
+vkdenoise_status vkdenoise_shared_buffer_import(const struct vkdenoise_device *device,
+                                                const struct vkdenoise_shared_memory *memory,
+                                                uint64_t size,
+                                                struct vkdenoise_shared_buffer **buffer);
+
+// A file descriptor of the buffer's memory, with what the other side has to know. The descriptor is the caller's.
+//
+// @param memory set its struct_size; the rest is filled in.
+vkdenoise_status vkdenoise_shared_buffer_export(const struct vkdenoise_shared_buffer *buffer,
+                                                struct vkdenoise_shared_memory *memory);
+
+// The VkBuffer, for vkdenoise_buffer_plane.buffer; 0 for NULL.
+uint64_t vkdenoise_shared_buffer_handle(const struct vkdenoise_shared_buffer *buffer);
+
+// Destroys a shared buffer. What was submitted with it must have run. NULL is nothing.
+void vkdenoise_shared_buffer_destroy(struct vkdenoise_shared_buffer *buffer);
+
+// Makes a timeline semaphore on a device of the library's own.
+//
+// @param timeline receives the semaphore; destroy it with vkdenoise_timeline_destroy.
+vkdenoise_status vkdenoise_timeline_create(const struct vkdenoise_device *device,
+                                           uint64_t value,
+                                           struct vkdenoise_timeline **timeline);
+
+// Another's timeline semaphore, by a descriptor that was exported as VK_EXTERNAL_SEMAPHORE_HANDLE_TYPE_OPAQUE_FD_BIT
+// by the same driver for the same device. The descriptor stays the caller's, to be closed by it.
+//
+// @param timeline receives the semaphore; destroy it with vkdenoise_timeline_destroy.
+vkdenoise_status vkdenoise_timeline_import(const struct vkdenoise_device *device,
+                                           int32_t fd,
+                                           struct vkdenoise_timeline **timeline);
+
+// An opaque file descriptor of the semaphore, which is the caller's.
+//
+// @param fd receives the descriptor.
+vkdenoise_status vkdenoise_timeline_export(const struct vkdenoise_timeline *timeline, int32_t *fd);
+
+// The semaphore's value now.
+//
+// @param value receives it.
+vkdenoise_status vkdenoise_timeline_value(const struct vkdenoise_timeline *timeline, uint64_t *value);
+
+// Raises the value from the host; it must be larger than the value now.
+vkdenoise_status vkdenoise_timeline_signal(const struct vkdenoise_timeline *timeline, uint64_t value);
+
+// Waits on the host for a value.
+//
+// @param reached receives 1, or 0 where the value did not come within the time.
+vkdenoise_status vkdenoise_timeline_wait(const struct vkdenoise_timeline *timeline,
+                                         uint64_t value,
+                                         uint64_t timeout_ns,
+                                         uint32_t *reached);
+
+// Destroys a semaphore. Submissions that name it keep it. NULL is nothing.
+void vkdenoise_timeline_destroy(struct vkdenoise_timeline *timeline);
+
 // Prepares a frame size for a renderer: plans it and allocates its memory.
 //
 // @param pass receives the pass; destroy it with vkdenoise_pass_destroy.
@@ -764,6 +1019,10 @@ vkdenoise_status vkdenoise_pass_create(const struct vkdenoise_denoiser *denoiser
                                        uint32_t width,
                                        uint32_t height,
                                        struct vkdenoise_pass **pass);
+
+// Device memory that the pass alone holds, in bytes: what outlives its recordings, and its arena, where that was made
+// for it; 0 for NULL.
+uint64_t vkdenoise_pass_device_bytes(const struct vkdenoise_pass *pass);
 
 // Destroys a pass. The GPU must have finished with it. NULL is nothing.
 void vkdenoise_pass_destroy(struct vkdenoise_pass *pass);
@@ -804,6 +1063,39 @@ vkdenoise_status vkdenoise_pass_record(const struct vkdenoise_pass *pass,
                                        struct VkCommandBuffer_T *commands,
                                        const struct vkdenoise_binding *binding,
                                        const struct vkdenoise_frame_options *options);
+
+// Records a pass for the library's own queue, on a device that the library opened (vkdenoise_device_open). On a
+// renderer's device vkdenoise_pass_record is for that. Pass and binding are kept; the buffers of the binding and of
+// the options live as long as this.
+//
+// @param options NULL: the defaults.
+// @param shared the shared buffers that planes lie in, which are taken over from the other side when the pass begins
+//   and handed back when it ends.
+// @param recorded receives the recording; destroy it with vkdenoise_recorded_destroy.
+vkdenoise_status vkdenoise_recorded_create(const struct vkdenoise_pass *pass,
+                                           const struct vkdenoise_binding *binding,
+                                           const struct vkdenoise_frame_options *options,
+                                           const struct vkdenoise_shared_buffer *const *shared,
+                                           size_t shared_count,
+                                           struct vkdenoise_recorded **recorded);
+
+// Submits the pass, which begins when `wait` is reached, and reaches `signal` when it has run. Returns at once.
+//
+// @param wait NULL: it begins at once.
+// @param signal NULL: nothing is signalled.
+vkdenoise_status vkdenoise_recorded_submit(const struct vkdenoise_recorded *recorded,
+                                           const struct vkdenoise_timeline_point *wait,
+                                           const struct vkdenoise_timeline_point *signal);
+
+// Waits on the host until all that was submitted has run.
+//
+// @param ended receives 1, or 0 where it did not end within the time.
+vkdenoise_status vkdenoise_recorded_wait(const struct vkdenoise_recorded *recorded,
+                                         uint64_t timeout_ns,
+                                         uint32_t *ended);
+
+// Waits until all that was submitted has run, and destroys the recording. NULL is nothing.
+void vkdenoise_recorded_destroy(struct vkdenoise_recorded *recorded);
 
 // What went wrong in this thread's last call that failed, in English, for people; empty if none did. Never NULL. It
 // is valid until this thread's next call that fails.

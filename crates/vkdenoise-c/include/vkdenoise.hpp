@@ -138,6 +138,27 @@ class Pass {
   detail::Handle<vkdenoise_pass, vkdenoise_pass_destroy> handle_;
 };
 
+// Device memory that passes of several sizes compute in, whichever runs.
+class Arena {
+ public:
+  // Of the blocks that Denoiser::arena_required tells.
+  Arena(const Device& device, const std::vector<std::uint64_t>& blocks) {
+    vkdenoise_arena* made = nullptr;
+    check(vkdenoise_arena_create(device.get(), blocks.data(), blocks.size(), &made));
+    handle_.reset(made);
+  }
+  // In the caller's memory.
+  Arena(const Device& device, const std::vector<vkdenoise_arena_block>& blocks) {
+    vkdenoise_arena* made = nullptr;
+    check(vkdenoise_arena_from_buffers(device.get(), blocks.data(), blocks.size(), &made));
+    handle_.reset(made);
+  }
+  vkdenoise_arena* get() const noexcept { return handle_.get(); }
+
+ private:
+  detail::Handle<vkdenoise_arena, vkdenoise_arena_destroy> handle_;
+};
+
 // A network on a device.
 class Denoiser {
  public:
@@ -176,6 +197,20 @@ class Denoiser {
   Pass pass(std::uint32_t width, std::uint32_t height) const {
     vkdenoise_pass* made = nullptr;
     check(vkdenoise_pass_create(get(), width, height, &made));
+    return Pass(made);
+  }
+  // Bytes of each block of an arena in which passes of all these sizes fit.
+  std::vector<std::uint64_t> arena_required(const std::vector<vkdenoise_size>& sizes) const {
+    std::size_t count = 0;
+    check(vkdenoise_denoiser_arena_required(get(), sizes.data(), sizes.size(), nullptr, &count));
+    std::vector<std::uint64_t> blocks(count);
+    check(vkdenoise_denoiser_arena_required(get(), sizes.data(), sizes.size(), blocks.data(), &count));
+    return blocks;
+  }
+  // The same in an arena that passes share.
+  Pass pass(const Arena& arena, std::uint32_t width, std::uint32_t height) const {
+    vkdenoise_pass* made = nullptr;
+    check(vkdenoise_pass_create_in(get(), arena.get(), width, height, &made));
     return Pass(made);
   }
   std::uint32_t precision() const noexcept { return vkdenoise_denoiser_precision(get()); }

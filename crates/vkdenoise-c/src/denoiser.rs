@@ -1,7 +1,7 @@
 //! A network on a device.
 
 use crate::choice::{choice, flag};
-use crate::descriptor::{self, descriptor, reserved};
+use crate::descriptor::{self, descriptor};
 use crate::device::Device;
 use crate::handle;
 use crate::progress::Progress;
@@ -99,8 +99,8 @@ pub struct Options {
     pub keep_aux: u32,
     /// 1: frames may come with signals (vkdenoise_frame.signals). For VKDENOISE_QUALITY_HIGH; it may cost device memory.
     pub signals: u32,
-    /// Must be 0.
-    pub reserved: u32,
+    /// 1: recordings label every kernel, and not the pass alone, for graphics debuggers (VK_EXT_debug_utils).
+    pub label_kernels: u32,
 }
 descriptor!(Options, "vkdenoise_options", keep_aux: u32);
 
@@ -116,6 +116,8 @@ pub struct Memory {
     pub weights: u64,
     /// Planes on their way in and out, in the host path alone.
     pub staging: u64,
+    /// What outlives a recording, such as the maps of vkdenoise_options.keep_aux: a pass's own, in whatever arena.
+    pub persistent: u64,
 }
 descriptor!(Memory, "vkdenoise_memory", staging: u64);
 
@@ -148,7 +150,6 @@ pub unsafe extern "C" fn vkdenoise_denoiser_create(
     let make = || {
         // SAFETY: the caller's pointers are as the header says; the same below.
         let (device, options) = unsafe { (handle::borrow(device, "device")?, descriptor::read_or_default(options)?) };
-        reserved::<Options>(options.reserved)?;
         let (device, quality) = (&device.0, quality(options.quality)?);
         // SAFETY: as above.
         let weights = match unsafe { handle::text(options.weights_file, "weights_file")? } {
@@ -170,6 +171,7 @@ pub unsafe extern "C" fn vkdenoise_denoiser_create(
             memory_budget: (options.memory_budget > 0).then_some(options.memory_budget),
             keep_features: flag(options.keep_aux, "keep_aux")?,
             signals: flag(options.signals, "signals")?,
+            label_kernels: flag(options.label_kernels, "label_kernels")?,
             ..CoreOptions::default()
         };
         Ok(Denoiser::new(vkdenoise::Denoiser::new(device, &weights, &options)?))
@@ -197,8 +199,17 @@ pub unsafe extern "C" fn vkdenoise_denoiser_precision(denoiser: *const Denoiser)
     found.map_or(Precision::Auto as u32, |(number, _)| *number)
 }
 
-/// The device memory that a frame size takes. Nothing is allocated. The host path takes arena, weights and staging, a
-/// renderer's pass arena and weights.
+/// Device memory that the denoiser holds now, in bytes: the weights, and what the host path keeps of the last size. Not
+/// passes and arenas, which tell of theirs. 0 for NULL, and within a progress callback of the denoiser.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn vkdenoise_denoiser_device_bytes(denoiser: *const Denoiser) -> u64 {
+    // SAFETY: as above.
+    let denoiser = unsafe { denoiser.as_ref() }.and_then(|denoiser| denoiser.take().ok());
+    denoiser.map_or(0, |denoiser| denoiser.device_bytes())
+}
+
+/// The device memory that a frame size takes. Nothing is allocated. The host path takes all of it, a renderer's pass
+/// all but staging.
 ///
 /// @param memory set its struct_size; the rest is filled in.
 #[unsafe(no_mangle)]
@@ -217,6 +228,7 @@ pub unsafe extern "C" fn vkdenoise_denoiser_memory_required(
             arena: required.arena,
             weights: required.weights,
             staging: required.staging,
+            persistent: required.persistent,
         };
         // SAFETY: as above.
         unsafe { descriptor::write(memory, &filled) }

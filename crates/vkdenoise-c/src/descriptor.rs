@@ -101,6 +101,33 @@ pub unsafe fn read_or_default<T: Descriptor>(pointer: *const T) -> Result<T, Fai
     unsafe { read(pointer) }
 }
 
+/// Reads an array of descriptors, each as far from the next as the first says it is large.
+///
+/// # Errors
+/// As [`read`], where the array is null and not empty, and where sizes differ.
+///
+/// # Safety
+/// `first` is null or points to as many descriptors.
+pub unsafe fn read_all<T: Descriptor>(first: *const T, count: usize) -> Result<Vec<T>, Failure> {
+    if count == 0 {
+        return Ok(Vec::new());
+    }
+    // SAFETY: as the caller's; the same below.
+    let size = unsafe { size_of_caller(first)? };
+    let one = |at: usize| {
+        // SAFETY: within the caller's array, as all before it have the same size.
+        let place = first.cast::<u8>().wrapping_add(at * size).cast::<T>();
+        // SAFETY: as above.
+        unsafe {
+            if size_of_caller(place)? != size {
+                return Err(Failure::argument(format!("the descriptors of an array of {} differ in size", T::NAME)));
+            }
+            read(place)
+        }
+    };
+    (0..count).map(one).collect()
+}
+
 /// Fills the caller's struct, as much of it as both know; the rest becomes 0.
 ///
 /// # Errors

@@ -84,10 +84,12 @@ pub enum Feature {
     /// VK_KHR_cooperative_matrix, with all that vkdenoise_requirement names for it: GPUs then run several times as
     /// fast.
     CooperativeMatrix = 16,
+    /// VK_EXT_debug_utils, of the instance: objects then have names, and recordings labels.
+    DebugUtils = 32,
 }
 
 impl Feature {
-    const ALL: u32 = 31;
+    const ALL: u32 = 63;
 }
 
 /// A function of any type.
@@ -281,6 +283,7 @@ pub unsafe extern "C" fn vkdenoise_device_from_renderer(renderer: *const Rendere
                 subgroup_broadcast_dynamic_id: has(Feature::SubgroupBroadcastDynamicId),
                 host_query_reset: has(Feature::HostQueryReset),
                 cooperative_matrix: has(Feature::CooperativeMatrix),
+                debug_utils: has(Feature::DebugUtils),
             },
         };
         // SAFETY: the caller vouches for its handles.

@@ -4,6 +4,7 @@
 //! ([`descriptor`]), so that they can grow while programs built against older headers go on working.
 
 mod abi_version;
+mod arena;
 mod choice;
 mod denoiser;
 mod descriptor;
@@ -13,9 +14,11 @@ mod handle;
 mod host;
 mod host_output;
 mod host_planes;
+mod interop;
 mod layout;
 mod pass;
 mod progress;
+mod recorded;
 mod renderer_planes;
 mod signals;
 mod status;

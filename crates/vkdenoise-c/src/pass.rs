@@ -5,18 +5,30 @@ use crate::frame_options::{self, FrameOptions};
 use crate::handle;
 use crate::renderer_planes::{BufferFrame, ImageFrame, buffer_frame, image_frame};
 use crate::status::{Failure, Status, guard};
+use std::sync::Arc;
 use vkdenoise::Extent;
 use vkdenoise::ash::vk::{self, Handle};
 
 /// The denoiser for one frame size, with the memory of its feature maps. Frames in flight may share it as long as
 /// they are submitted to one queue.
 pub struct Pass {
-    pass: vkdenoise::Pass,
+    pass: Arc<vkdenoise::Pass>,
     extent: Extent,
 }
 
+impl Pass {
+    pub fn new(pass: vkdenoise::Pass, extent: Extent) -> Self {
+        Self { pass: Arc::new(pass), extent }
+    }
+
+    /// The pass, to be kept.
+    pub fn shared(&self) -> Arc<vkdenoise::Pass> {
+        Arc::clone(&self.pass)
+    }
+}
+
 /// A renderer's planes, resolved for a pass.
-pub struct Binding(vkdenoise::Binding);
+pub struct Binding(pub(crate) Arc<vkdenoise::Binding>);
 
 /// Vulkan's.
 #[repr(C)]
@@ -36,11 +48,18 @@ pub unsafe extern "C" fn vkdenoise_pass_create(
         // SAFETY: the caller's pointers are as the header says; the same below.
         let denoiser = unsafe { handle::borrow(denoiser, "denoiser")? };
         let extent = Extent::new(width, height);
-        let pass = denoiser.take()?.pass(extent)?;
-        Ok(Pass { pass, extent })
+        Ok(Pass::new(denoiser.take()?.pass(extent)?, extent))
     };
     // SAFETY: as above.
     guard(|| unsafe { handle::give(pass, make) })
+}
+
+/// Device memory that the pass alone holds, in bytes: what outlives its recordings, and its arena, where that was made
+/// for it; 0 for NULL.
+#[unsafe(no_mangle)]
+pub unsafe extern "C" fn vkdenoise_pass_device_bytes(pass: *const Pass) -> u64 {
+    // SAFETY: as above.
+    unsafe { pass.as_ref() }.map_or(0, |pass| pass.pass.device_bytes())
 }
 
 /// Destroys a pass. The GPU must have finished with it. NULL is nothing.
@@ -67,7 +86,7 @@ pub unsafe extern "C" fn vkdenoise_pass_bind_buffers(
     let make = || unsafe {
         let Pass { pass, extent } = handle::borrow(pass, "pass")?;
         let (frame, signals) = buffer_frame(frame, *extent)?;
-        Ok(Binding(pass.bind_buffers_with(&frame, &signals)?))
+        Ok(Binding(Arc::new(pass.bind_buffers_with(&frame, &signals)?)))
     };
     // SAFETY: as above.
     guard(|| unsafe { handle::give(binding, make) })
@@ -87,7 +106,7 @@ pub unsafe extern "C" fn vkdenoise_pass_bind_images(
     let make = || unsafe {
         let Pass { pass, extent } = handle::borrow(pass, "pass")?;
         let (frame, signals) = image_frame(frame, *extent)?;
-        Ok(Binding(pass.bind_images_with(&frame, &signals)?))
+        Ok(Binding(Arc::new(pass.bind_images_with(&frame, &signals)?)))
     };
     // SAFETY: as above.
     guard(|| unsafe { handle::give(binding, make) })

@@ -1,7 +1,7 @@
 //! Signals beside a frame, that go through the kernels of its colour.
 
 use crate::choice::choice;
-use crate::descriptor::{self, Descriptor, descriptor};
+use crate::descriptor::{descriptor, read_all};
 use crate::host_planes::{Memory, Plane, PlaneMut, input, output};
 use crate::renderer_planes::{BufferPlane, buffer, needed};
 use crate::status::Failure;
@@ -68,33 +68,6 @@ fn kind_and_channels(kind: u32, channels: u32) -> Result<(vkdenoise::SignalKind,
         (1 | 3, _) => Ok((kind, channels)),
         (other, _) => Err(Failure::argument(format!("a signal has {other} channels; it can have 1 or 3"))),
     }
-}
-
-/// Reads an array of descriptors, each as far from the next as the first says it is large.
-///
-/// # Errors
-/// As [`descriptor::read`], where the array is null and not empty, and where sizes differ.
-///
-/// # Safety
-/// `first` is null or points to as many descriptors.
-unsafe fn read_all<T: Descriptor>(first: *const T, count: usize) -> Result<Vec<T>, Failure> {
-    if count == 0 {
-        return Ok(Vec::new());
-    }
-    // SAFETY: as the caller's; the same below.
-    let size = unsafe { descriptor::size_of_caller(first)? };
-    let read = |at: usize| {
-        // SAFETY: within the caller's array, as all before it have the same size.
-        let one = first.cast::<u8>().wrapping_add(at * size).cast::<T>();
-        // SAFETY: as above.
-        unsafe {
-            if descriptor::size_of_caller(one)? != size {
-                return Err(Failure::argument(format!("the descriptors of an array of {} differ in size", T::NAME)));
-            }
-            descriptor::read(one)
-        }
-    };
-    (0..count).map(read).collect()
 }
 
 /// A signal in host memory, checked.

@@ -109,6 +109,16 @@ fn the_formats_of_a_renderers_planes() {
 }
 
 #[test]
+fn passes_of_two_sizes_in_one_arena() {
+    run(&build("cc", "-std=c11", "tests/programs/arena.c", &["-lvulkan"]));
+}
+
+#[test]
+fn memory_and_semaphores_by_file_descriptors() {
+    print!("{}", run(&build("cc", "-std=gnu11", "tests/programs/interop.c", &["-lvulkan"])));
+}
+
+#[test]
 fn what_the_host_path_refuses() {
     run(&build("cc", "-std=c11", "tests/programs/host_misuse.c", &["-pthread"]));
 }

@@ -212,8 +212,8 @@ static void refusals(vkdenoise_device *device, vkdenoise_denoiser *denoiser) {
   options.signals = 2;
   REFUSED(vkdenoise_denoiser_create(device, &options, &other), invalid, "signals is 2");
   options.signals = 0;
-  options.reserved = 1;
-  REFUSED(vkdenoise_denoiser_create(device, &options, &other), invalid, "reserved");
+  options.label_kernels = 2;
+  REFUSED(vkdenoise_denoiser_create(device, &options, &other), invalid, "label_kernels");
   // A program of the first release, whose struct ends before.
   options.signals = 2;
   options.struct_size = offsetof(vkdenoise_options, signals);
