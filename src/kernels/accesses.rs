@@ -64,6 +64,7 @@ impl Call {
             Self::Linear(k) if contract.needs_matrix() => matrix::linear(k, special),
             Self::Separable3x3(k) if contract.needs_matrix() => matrix::separable3x3(k, special),
             Self::WindowAttention(k) if contract.needs_matrix() => matrix::window_attention(k),
+            Self::AttentionBlock(k) => matrix::attention_block(k, self.kernel().groups(variant)),
             Self::Unembed(k) if contract.needs_matrix() => matrix::unembed(k),
             Self::AuxProjection(_) => matrix::aux_projection(self.kernel().groups(variant)),
             Self::Conv3x3(k) => conv3x3(k, contract),

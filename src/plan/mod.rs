@@ -3,6 +3,7 @@
 
 pub mod active;
 mod arena;
+mod attention_block;
 mod aux_projection;
 mod bands;
 mod featureless;
