@@ -55,89 +55,122 @@ const uint MIXED_TOKENS = 224u, STEPS_TOKENS = 160u;
 shared uvec4 mixed[MIXED_TOKENS * TOKEN];
 shared uvec4 steps[STEPS_TOKENS * TOKEN];
 
-// DEPTH rows of weights from `k` on, of the outputs from `n` on.
-void load_columns(out MatrixB columns, Halves weights, uint k, uint n) {
-    uint from = CHANNELS * 2u + k / 16u * 16u * CHANNELS + n * 16u + k % 16u;
-    coopMatLoad(columns, weights.v, from, 16u, gl_CooperativeMatrixLayoutColumnMajor);
+// The outputs that a subgroup computes of every matrix of tokens: the same throughout, so that it loads weights once.
+uint own_column = gl_SubgroupID % COLUMN_TILES * COLUMNS;
+const uint ROW_STRIDE = SUBGROUPS / COLUMN_TILES;
+
+// Those weights of the next matrix to mixed, and of the next one to the results.
+MatrixB mixing[CHANNELS / DEPTH];
+MatrixB adding[CHANNELS / DEPTH];
+
+// DEPTH rows of them from `k` on.
+void load_columns(out MatrixB columns, Weights weights, uint k) {
+    uint from = CHANNELS * 2u + k / 16u * 16u * CHANNELS + own_column * 16u + k % 16u;
+    coopMatLoad(columns, Halves(weights).v, from, 16u, gl_CooperativeMatrixLayoutColumnMajor);
+}
+void load_mixing(Weights weights, const uint depth) {
+    [[unroll]] for (uint i = 0u; i < depth / DEPTH; ++i) load_columns(mixing[i], weights, i * DEPTH);
+}
+void load_adding(Weights weights) {
+    [[unroll]] for (uint i = 0u; i < CHANNELS / DEPTH; ++i) load_columns(adding[i], weights, i * DEPTH);
 }
 
-// mixed = `tokens` tokens of steps, `stride` vectors each, times a matrix of `depth` inputs.
-void pointwise(Weights weights, const uint tokens, const uint depth, const uint stride) {
-    Halves matrix = Halves(weights);
-    const uint blocks = (tokens + ROWS - 1u) / ROWS * COLUMN_TILES;
-    for (uint block = gl_SubgroupID; block < blocks; block += SUBGROUPS) {
-        uint row = block / COLUMN_TILES * ROWS, n = block % COLUMN_TILES * COLUMNS;
+// mixed = `tokens` tokens of steps, `stride` vectors each, times `mixing`, a matrix of `depth` inputs.
+void pointwise(const uint tokens, const uint depth, const uint stride) {
+    for (uint row = gl_SubgroupID / COLUMN_TILES * ROWS; row < tokens; row += ROW_STRIDE * ROWS) {
         MatrixSum sum = MatrixSum(0.0);
-        for (uint k = 0u; k < depth; k += DEPTH) {
+        [[unroll]] for (uint i = 0u; i < depth / DEPTH; ++i) {
             MatrixA inputs;
-            MatrixB columns;
-            coopMatLoad(inputs, steps, row * stride + k / 8u, stride, gl_CooperativeMatrixLayoutRowMajor);
-            load_columns(columns, matrix, k, n);
-            sum = coopMatMulAdd(inputs, columns, sum);
+            coopMatLoad(inputs, steps, row * stride + i * DEPTH / 8u, stride, gl_CooperativeMatrixLayoutRowMajor);
+            sum = coopMatMulAdd(inputs, mixing[i], sum);
         }
         coopmat<float16_t, gl_ScopeSubgroup, ROWS, COLUMNS, gl_MatrixUseAccumulator> halves =
             coopmat<float16_t, gl_ScopeSubgroup, ROWS, COLUMNS, gl_MatrixUseAccumulator>(sum);
-        coopMatStore(halves, mixed, row * TOKEN + n / 8u, TOKEN, gl_CooperativeMatrixLayoutRowMajor);
+        coopMatStore(halves, mixed, row * TOKEN + own_column / 8u, TOKEN, gl_CooperativeMatrixLayoutRowMajor);
     }
 }
 
 const uint RUN = 2u;                             // rows of results of an invocation at a time
+const uint VECTORS = CHANNELS / 4u;
+
+// Of a depthwise convolution, for four channels.
+struct Taps {
+    vec4 taps[9];
+    vec4 bias;
+    vec4 before;      // the bias of the pointwise convolution before it
+};
+
+Taps load_taps(Weights bias_before, Weights weights) {
+    uint part = gl_LocalInvocationID.x % VECTORS;
+    Taps of;
+    [[unroll]] for (uint t = 0u; t < 9u; ++t) of.taps[t] = LOAD_WEIGHTS(weights, (t + 1u) * VECTORS + part);
+    of.bias = LOAD_WEIGHTS(weights, part);
+    of.before = LOAD_WEIGHTS(bias_before, part);
+    return of;
+}
 
 // Step i's depthwise convolution and activation, of mixed to steps. An invocation makes RUN rows of a token's four
-// channels.
-void depthwise(Weights bias_before, Weights weights, const uint i, uvec2 origin) {
-    const uint VECTORS = CHANNELS / 4u;
+// channels. Beyond the frame steps is zero, and so is mixed, which has no bias yet: what the taps make of that is added
+// here, for those taps that lie inside the frame. `whole`: all of them do.
+void depthwise(Taps of, const uint i, uvec2 origin, bool whole) {
     const uint from_width = width_of(i), to_width = width_of(i) - 2u, to_height = height_of(i) - 2u;
     const uint runs = to_width * (to_height / RUN) * VECTORS;
     uint part = gl_LocalInvocationID.x % VECTORS;
-    vec4 taps[9];
-    [[unroll]] for (uint t = 0u; t < 9u; ++t) taps[t] = LOAD_WEIGHTS(weights, (t + 1u) * VECTORS + part);
-    vec4 bias = LOAD_WEIGHTS(weights, part);
-    vec4 before = LOAD_WEIGHTS(bias_before, part);
+    uint half_vector = part % 2u * 2u;
+    vec4 with_all = of.bias;
+    [[unroll]] for (uint t = 0u; t < 9u; ++t) with_all += of.taps[t] * of.before;
     for (uint run = gl_LocalInvocationID.x; run < runs; run += INVOCATIONS) {
         uint x = run / VECTORS % to_width, first = run / VECTORS / to_width * RUN;
+        // The frame's coordinates of the first tap; what is less than zero is more than any size.
+        uvec2 size = uvec2(width, height);
+        uvec2 corner = origin + uvec2(x, first) - reach(i);
         vec4 sums[RUN];
-        [[unroll]] for (uint r = 0u; r < RUN; ++r) sums[r] = bias;
-        [[unroll]] for (uint r = 0u; r < RUN + 2u; ++r) {
-            int y = int(origin.y + first + r) - int(reach(i));
-            bool row_inside = y >= 0 && y < int(height);
-            [[unroll]] for (uint dx = 0u; dx < 3u; ++dx) {
-                int at_x = int(origin.x + x + dx) - int(reach(i));
-                bool inside = row_inside && at_x >= 0 && at_x < int(width);
-                uvec4 halves = mixed[((first + r) * from_width + x + dx) * TOKEN + part / 2u];
-                vec4 value = inside ? widen(part % 2u == 0u ? halves.xy : halves.zw) + before : vec4(0.0);
-                [[unroll]] for (uint ky = 0u; ky < 3u; ++ky) {
-                    if (r >= ky && r - ky < RUN) sums[r - ky] += taps[3u * ky + dx] * value;
+        [[unroll]] for (uint r = 0u; r < RUN; ++r) sums[r] = with_all;
+        if (!whole) {
+            [[unroll]] for (uint r = 0u; r < RUN; ++r) {
+                sums[r] = of.bias;
+                [[unroll]] for (uint t = 0u; t < 9u; ++t) {
+                    bool inside = all(lessThan(corner + uvec2(t % 3u, r + t / 3u), size));
+                    sums[r] += mix(vec4(0.0), of.taps[t] * of.before, bvec4(inside));
                 }
             }
         }
+        uint from = (first * from_width + x) * TOKEN + part / 2u;
+        [[unroll]] for (uint r = 0u; r < RUN + 2u; ++r) {
+            [[unroll]] for (uint dx = 0u; dx < 3u; ++dx) {
+                uint at = from + (r * from_width + dx) * TOKEN;
+                vec4 value = widen(uvec2(mixed[at][half_vector], mixed[at][half_vector + 1u]));
+                [[unroll]] for (uint ky = 0u; ky < 3u; ++ky) {
+                    if (r >= ky && r - ky < RUN) sums[r - ky] += of.taps[3u * ky + dx] * value;
+                }
+            }
+        }
+        uint to = (first * to_width + x) * TOKEN + part / 2u;
         [[unroll]] for (uint r = 0u; r < RUN; ++r) {
-            uvec2 halves = narrow(max(sums[r], SLOPE * sums[r]));
-            uint to = ((first + r) * to_width + x) * TOKEN + part / 2u;
-            if (part % 2u == 0u) steps[to].xy = halves;
-            else steps[to].zw = halves;
+            bool inside = all(lessThan(corner + uvec2(1u, 1u + r), size));
+            uvec2 halves = mix(uvec2(0u), narrow(max(sums[r], SLOPE * sums[r])), bvec2(inside));
+            steps[to + r * to_width * TOKEN][half_vector] = halves.x;
+            steps[to + r * to_width * TOKEN][half_vector + 1u] = halves.y;
         }
     }
 }
 
-// A matrix of results for every subgroup, or several.
-const uint RESULTS = OUT_HEIGHT * OUT_TILES * COLUMN_TILES / SUBGROUPS;
+// A matrix of results for every subgroup, or several: one in ROW_STRIDE of the workgroup's.
+const uint RESULTS = OUT_HEIGHT * OUT_TILES / ROW_STRIDE;
 MatrixSum results[RESULTS];
 
-// results += the products of the workgroup's own tokens of step i's result.
-void add_results(Weights weights, const uint i) {
-    Halves matrix = Halves(weights);
+uint result_rows(const uint r) { return r * ROW_STRIDE + gl_SubgroupID / COLUMN_TILES; }
+
+// results += the products of the workgroup's own tokens of step i's result with `adding`.
+void add_results(const uint i) {
     const uint own = reach(i) - 1u, pitch = width_of(i) - 2u;
     [[unroll]] for (uint r = 0u; r < RESULTS; ++r) {
-        uint at = gl_SubgroupID * RESULTS + r;
-        uint n = at % COLUMN_TILES * COLUMNS, m = at / COLUMN_TILES;
+        uint m = result_rows(r);
         uint token = (m / OUT_TILES + own) * pitch + m % OUT_TILES * ROWS + own;
-        for (uint k = 0u; k < CHANNELS; k += DEPTH) {
+        [[unroll]] for (uint j = 0u; j < CHANNELS / DEPTH; ++j) {
             MatrixA inputs;
-            MatrixB columns;
-            coopMatLoad(inputs, steps, token * TOKEN + k / 8u, TOKEN, gl_CooperativeMatrixLayoutRowMajor);
-            load_columns(columns, matrix, k, n);
-            results[r] = coopMatMulAdd(inputs, columns, results[r]);
+            coopMatLoad(inputs, steps, token * TOKEN + j * DEPTH / 8u, TOKEN, gl_CooperativeMatrixLayoutRowMajor);
+            results[r] = coopMatMulAdd(inputs, adding[j], results[r]);
         }
     }
 }
@@ -152,36 +185,49 @@ void main() {
 
     Vectors from = Vectors(src);
     for (uint token = gl_LocalInvocationID.x; token < MIXED_TOKENS; token += INVOCATIONS) {
-        ivec2 at = ivec2(origin) + ivec2(token % width_of(0u), token / width_of(0u)) - int(reach(0u));
-        bool inside = at.x >= 0 && at.x < int(width) && at.y >= 0 && at.y < int(height);
-        uvec4 halves = from.v[uint(inside ? at.y * int(width) + at.x : 0) * (src_stride / 2u)];
-        steps[token * FIRST_TOKEN] = inside ? halves : uvec4(0u);
+        uvec2 at = origin + uvec2(token % width_of(0u), token / width_of(0u)) - reach(0u);
+        bool inside = all(lessThan(at, uvec2(width, height)));
+        uvec4 halves = from.v[(inside ? at.y * width + at.x : 0u) * (src_stride / 2u)];
+        steps[token * FIRST_TOKEN] = mix(uvec4(0u), halves, bvec4(inside));
         steps[token * FIRST_TOKEN + 1u] = uvec4(0u);
     }
     [[unroll]] for (uint i = 0u; i < RESULTS; ++i) results[i] = MatrixSum(0.0);
+    // Whether the frame has all tokens around.
+    uvec2 corner = origin - reach(0u);
+    bool whole = corner.x < width && corner.x + width_of(0u) <= width && corner.y < height && corner.y + height_of(0u) <= height;
+
+    // Weights are loaded before the barrier after which they are used, so that they are there by then.
+    load_mixing(pointwise_0, 16u);
     barrier();
-    pointwise(pointwise_0, width_of(0u) * height_of(0u), 16u, FIRST_TOKEN);
+    pointwise(width_of(0u) * height_of(0u), 16u, FIRST_TOKEN);
+    Taps of = load_taps(pointwise_0, depthwise_0);
     barrier();
-    depthwise(pointwise_0, depthwise_0, 0u, origin);
+    depthwise(of, 0u, origin, whole);
+    load_adding(out_0);
+    load_mixing(pointwise_1, CHANNELS);
     barrier();
-    add_results(out_0, 0u);
-    pointwise(pointwise_1, width_of(1u) * height_of(1u), CHANNELS, TOKEN);
+    add_results(0u);
+    pointwise(width_of(1u) * height_of(1u), CHANNELS, TOKEN);
+    of = load_taps(pointwise_1, depthwise_1);
     barrier();
-    depthwise(pointwise_1, depthwise_1, 1u, origin);
+    depthwise(of, 1u, origin, whole);
+    load_adding(out_1);
+    load_mixing(pointwise_2, CHANNELS);
     barrier();
-    add_results(out_1, 1u);
-    pointwise(pointwise_2, width_of(2u) * height_of(2u), CHANNELS, TOKEN);
+    add_results(1u);
+    pointwise(width_of(2u) * height_of(2u), CHANNELS, TOKEN);
+    of = load_taps(pointwise_2, depthwise_2);
     barrier();
-    depthwise(pointwise_2, depthwise_2, 2u, origin);
+    depthwise(of, 2u, origin, whole);
+    load_adding(out_2);
     barrier();
-    add_results(out_2, 2u);
+    add_results(2u);
 
     // The sums go through the shared memory of `mixed`, which nobody reads any more, because the bias depends on the
     // channel.
     const uint SUMS_STRIDE = CHANNELS / 4u + 1u;
     [[unroll]] for (uint r = 0u; r < RESULTS; ++r) {
-        uint at = gl_SubgroupID * RESULTS + r;
-        coopMatStore(results[r], mixed, at / COLUMN_TILES * ROWS * SUMS_STRIDE + at % COLUMN_TILES * COLUMNS / 4u, SUMS_STRIDE,
+        coopMatStore(results[r], mixed, result_rows(r) * ROWS * SUMS_STRIDE + own_column / 4u, SUMS_STRIDE,
             gl_CooperativeMatrixLayoutRowMajor);
     }
     barrier();

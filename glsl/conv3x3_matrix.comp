@@ -52,17 +52,28 @@ uint staged_row(uint row) {
     return STRIDE == 1 ? row : (row & 1u) * EVEN_ROWS + row / 2u;
 }
 
-// Stages one column of taps, of the inputs from vector `first` on.
+const uint STAGED = SOURCE_ROWS * 8u * VECTORS; // vectors of a column of taps
+const uint LOADS = 5u;                          // of an invocation at a time
+
+// Stages one column of taps, of the inputs from vector `first` on. Loads come before the stores, so that they overlap.
 void stage(uint rows, uvec2 origin, uint first, uint kx) {
     Vectors from = Vectors(src);
-    ivec2 corner = ivec2(origin) * STRIDE + ivec2(int(kx) - 1, -1);
-    for (uint i = tile_lane; i < SOURCE_ROWS * 8u * VECTORS; i += TILE_LANES) {
-        uint part = i % VECTORS, column = i / VECTORS % 8u, row = i / VECTORS / 8u;
-        ivec2 at = corner + ivec2(column * STRIDE, row);
-        bool inside = at.x >= 0 && at.x < int(src_width) && at.y >= 0 && at.y < int(src_height);
-        uint pixel = uint(inside ? at.y * int(src_width) + at.x : 0);
-        uvec4 halves = from.v[pixel * (src_stride / 2u) + first + part];
-        staged[rows + (staged_row(row) * 8u + column) * TOKEN + part] = inside ? halves : uvec4(0u);
+    // What is less than zero is more than any size.
+    uvec2 corner = origin * STRIDE + uvec2(kx, 0u) - 1u;
+    [[dont_unroll]] for (uint begin = tile_lane; begin < STAGED; begin += LOADS * TILE_LANES) {
+        uvec4 halves[LOADS];
+        [[unroll]] for (uint n = 0u; n < LOADS; ++n) {
+            uint i = begin + n * TILE_LANES;
+            uvec2 at = corner + uvec2(i / VECTORS % 8u * STRIDE, i / VECTORS / 8u);
+            bool inside = all(lessThan(at, uvec2(src_width, src_height)));
+            uint pixel = inside ? at.y * src_width + at.x : 0u;
+            halves[n] = mix(uvec4(0u), from.v[pixel * (src_stride / 2u) + first + i % VECTORS], bvec4(inside));
+        }
+        [[unroll]] for (uint n = 0u; n < LOADS; ++n) {
+            uint i = begin + n * TILE_LANES;
+            uint to = (staged_row(i / VECTORS / 8u) * 8u + i / VECTORS % 8u) * TOKEN + i % VECTORS;
+            if (i < STAGED) staged[rows + to] = halves[n];
+        }
     }
 }
 

@@ -48,54 +48,30 @@ const uint STAGED_BLOCKS = 4u / TILES * ROWS_AT_ONCE / 16u;
 #include "shared/matrix_dense.glsl"
 
 #ifdef NORM
-#extension GL_KHR_shader_subgroup_shuffle : require
-#include "shared/norm.glsl"
-const uint SHARE = VECTORS < 4u ? VECTORS : 4u; // invocations that share a token, a power of two
-const uint EACH = VECTORS / SHARE;
-
-// The sum over the invocations that share a token, the same bits in each.
-vec4 share_sum(vec4 sum) {
-    if (SHARE > 1u) sum += subgroupShuffleXor(sum, 1u);
-    if (SHARE > 2u) sum += subgroupShuffleXor(sum, 2u);
-    return sum;
-}
-
-void stage_normed(uint rows, uvec2 origin) {
-    Vectors from = Vectors(src);
-    uint part = tile_lane % SHARE;
-    for (uint token = tile_lane / SHARE; token < TOKENS; token += TILE_LANES / SHARE) {
-        uint pixel = (origin.y + token / 8u) * width + origin.x + token % 8u;
-        vec4 low[EACH], high[EACH];
-        vec4 sum = vec4(0.0);
-        [[unroll]] for (uint i = 0u; i < EACH; ++i) {
-            unpack_halves(from.v[pixel * (src_stride / 2u) + i * SHARE + part], low[i], high[i]);
-            sum += low[i] + high[i];
-        }
-        float mean = mean_of(share_sum(sum), src_channels);
-        vec4 squares = vec4(0.0);
-        [[unroll]] for (uint i = 0u; i < EACH; ++i) {
-            low[i] -= mean;
-            high[i] -= mean;
-            squares += low[i] * low[i] + high[i] * high[i];
-        }
-        float scale = scale_of(share_sum(squares), src_channels);
-        [[unroll]] for (uint i = 0u; i < EACH; ++i) {
-            staged[rows + token * STRIDE + i * SHARE + part] = pack_halves(low[i] * scale, high[i] * scale);
-        }
-    }
-}
+#define NORMED_VECTORS VECTORS
+#include "shared/stage_normed.glsl"
 #else
+const uint STAGED = TOKENS * VECTORS;           // vectors of a tile
+const uint LOADS = 4u;                          // of an invocation at a time
+
+// Loads come before the stores, so that they overlap.
 void stage(uint rows, uvec2 origin, uint first) {
     Vectors from = Vectors(src), from_b = Vectors(src_b);
-    for (uint i = tile_lane; i < TOKENS * VECTORS; i += TILE_LANES) {
-        uint token = i / VECTORS, part = i % VECTORS;
-        uint pixel = (origin.y + token / 8u) * width + origin.x + token % 8u;
-        uint k = first + part;
-        uint k_b = k - src_channels / 2u;
-        uvec4 halves = uvec4(0u);
-        if (k < src_channels / 2u) halves = from.v[pixel * (src_stride / 2u) + k];
-        else if (k_b < src_b_channels / 2u) halves = from_b.v[pixel * (src_b_stride / 2u) + k_b];
-        staged[rows + token * STRIDE + part] = halves;
+    [[dont_unroll]] for (uint begin = tile_lane; begin < STAGED; begin += LOADS * TILE_LANES) {
+        uvec4 halves[LOADS];
+        [[unroll]] for (uint n = 0u; n < LOADS; ++n) {
+            uint i = min(begin + n * TILE_LANES, STAGED - 1u), token = i / VECTORS;
+            uint pixel = (origin.y + token / 8u) * width + origin.x + token % 8u;
+            uint k = first + i % VECTORS;
+            uint k_b = k - src_channels / 2u;
+            halves[n] = uvec4(0u);
+            if (k < src_channels / 2u) halves[n] = from.v[pixel * (src_stride / 2u) + k];
+            else if (k_b < src_b_channels / 2u) halves[n] = from_b.v[pixel * (src_b_stride / 2u) + k_b];
+        }
+        [[unroll]] for (uint n = 0u; n < LOADS; ++n) {
+            uint i = begin + n * TILE_LANES;
+            if (i < STAGED) staged[rows + i / VECTORS * STRIDE + i % VECTORS] = halves[n];
+        }
     }
 }
 #endif
@@ -120,7 +96,7 @@ void main() {
 
     clear_sums();
 #ifdef NORM
-    stage_normed(rows, origin);
+    stage_normed(Vectors(src), src_stride, rows, STRIDE, origin);
 #endif
     for (uint first = 0u; first < inputs; first += ROWS_AT_ONCE) {
         barrier();

@@ -47,7 +47,9 @@ vec4 row_sum(vec4 row[3], vec4 taps[9], const uint ky) {
 }
 
 // Stages the depthwise results of a tile for the inputs from vector `first` on: an invocation goes down a column of
-// tokens, four channels wide, and adds every row that it loads to the three results that it touches.
+// tokens, four channels wide, and adds every row that it loads to the three results that it touches. A tile lies inside
+// the map: beyond it are at most the tokens left and right of a column, for which the taps are zero, and the rows above
+// and below the tile.
 void stage(uint rows, uvec2 origin, uint first) {
     for (uint i = tile_lane; i < 8u * VECTORS; i += TILE_LANES) {
         uint part = i % VECTORS, x = i / VECTORS;
@@ -55,24 +57,33 @@ void stage(uint rows, uvec2 origin, uint first) {
         vec4 taps[9];
         [[unroll]] for (uint t = 0u; t < 9u; ++t) taps[t] = LOAD_WEIGHTS(depthwise, (t + 1u) * src_channels + channel);
         vec4 bias = LOAD_WEIGHTS(depthwise, channel);
+        uint center = origin.x + x;
+        bool left = center > 0u, right = center + 1u < width;
+        [[unroll]] for (uint ky = 0u; ky < 3u; ++ky) {
+            taps[3u * ky] = mix(vec4(0.0), taps[3u * ky], bvec4(left));
+            taps[3u * ky + 2u] = mix(vec4(0.0), taps[3u * ky + 2u], bvec4(right));
+        }
+        uint columns[3] = uint[](channel + (left ? center - 1u : center) * src_stride, channel + center * src_stride,
+            channel + (right ? center + 1u : center) * src_stride);
         // Of the row of results above the row that is loaded, of its own, and of the one below.
         vec4 above = bias, own = bias;
-        [[unroll]] for (int y = -1; y <= 8; ++y) {
-            int sy = int(origin.y) + y;
-            bool row_inside = sy >= 0 && sy < int(height);
-            uint row_base = uint(clamp(sy, 0, int(height) - 1)) * width;
-            vec4 row[3];
-            [[unroll]] for (int dx = -1; dx <= 1; ++dx) {
-                int sx = int(origin.x + x) + dx;
-                bool inside = row_inside && sx >= 0 && sx < int(width);
-                uint pixel = row_base + uint(clamp(sx, 0, int(width) - 1));
-                row[dx + 1] = LOAD_WHERE(inside, src, pixel * src_stride + channel);
+        [[unroll]] for (uint y = 0u; y <= 9u; ++y) {
+            uint sy = origin.y + y - 1u;
+            bool inside = true;
+            if (y == 0u || y == 9u) {
+                inside = sy < height;
+                sy = inside ? sy : origin.y;
             }
-            if (y >= 1) {
+            vec4 row[3];
+            [[unroll]] for (uint dx = 0u; dx < 3u; ++dx) {
+                uvec2 halves = src.v[sy * width * src_stride + columns[dx]];
+                row[dx] = widen(mix(uvec2(0u), halves, bvec2(inside)));
+            }
+            if (y >= 2u) {
                 uvec2 halves = narrow(activate(above + row_sum(row, taps, 2u), INNER_EPILOGUE));
-                uint to = rows + ((uint(y) - 1u) * 8u + x) * STRIDE + part / 2u;
-                if (part % 2u == 0u) staged[to].xy = halves;
-                else staged[to].zw = halves;
+                uint to = rows + ((y - 2u) * 8u + x) * STRIDE + part / 2u;
+                staged[to][part % 2u * 2u] = halves.x;
+                staged[to][part % 2u * 2u + 1u] = halves.y;
             }
             above = own + row_sum(row, taps, 1u);
             own = bias + row_sum(row, taps, 0u);

@@ -3,7 +3,7 @@
 use crate::kernels::contract::Need;
 use crate::kernels::{Arithmetic, KernelTarget, Storage};
 use crate::net::Folds;
-use crate::options::{ConvAlgorithm, Options, Precision, QuietMode, SeparableForm};
+use crate::options::{AttentionForm, ConvAlgorithm, Options, Precision, QuietMode, SeparableForm};
 use crate::vk::caps::{Caps, DeviceKind, TEXEL_BYTES};
 
 /// Largest block of an arena, whatever the device allows: beyond it some drivers' allocations grow unreliable.
@@ -35,6 +35,8 @@ pub struct Target {
     pub conv: ConvAlgorithm,
     /// How depthwise and pointwise convolutions that belong together are.
     pub separable: SeparableForm,
+    /// How a block's attention and its Linears are.
+    pub attention: AttentionForm,
     /// How feature maps are stored. Log colour and residual are 32-bit floats always.
     pub storage: Storage,
     /// What dense kernels compute with, where one on matrices takes their maps: those of halves.
@@ -69,6 +71,7 @@ impl Default for Target {
             folds: Folds::EVERYWHERE,
             conv: ConvAlgorithm::default(),
             separable: SeparableForm::default(),
+            attention: AttentionForm::default(),
             storage: Storage::F32,
             arithmetic: Arithmetic::Floats,
             max_chain_bytes: max_chain_bytes(Storage::F32, Arithmetic::Floats),
@@ -109,6 +112,7 @@ impl Target {
             folds: options.folds.unwrap_or(suitable.folds),
             conv: options.conv.unwrap_or(suitable.conv),
             separable: options.separable.unwrap_or(suitable.separable),
+            attention: options.attention.unwrap_or(suitable.attention),
             max_chain_bytes: options.max_chain_bytes.unwrap_or(suitable.max_chain_bytes),
             keep_features: options.keep_features,
             quiet: options.quiet.map(|quiet| quiet.mode),

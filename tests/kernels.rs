@@ -6,6 +6,7 @@ mod common;
 use common::case::{Cases, DENSE_FORMS, KERNEL_LIMIT, MATRIX_LIMIT, STORAGES, small_net, worth_compiling};
 use common::dense::{ACTIVATIONS, dense_cases, ending, size};
 use half::f16;
+use vkdenoise::kernels::attention_block::AttentionBlock;
 use vkdenoise::kernels::aux_projection::AuxProjection;
 use vkdenoise::kernels::dense::Linear;
 use vkdenoise::kernels::expand::Expand;
@@ -247,6 +248,49 @@ fn aux_projection_on_matrices() {
         cases.add(Call::AuxProjection(AuxProjection { src, dst, pointwise, depthwise, out, tiles }), dst.buffer);
     }
     cases.check("aux_projection", MATRIX_LIMIT);
+}
+
+/// Channels of x, of queries and of values: those of the Hybrid's stages, some with more or with nothing beside what
+/// attends, and such as leave subgroups without outputs.
+const BLOCKS: [(u32, u32, u32); 6] =
+    [(64, 8, 16), (256, 32, 64), (128, 16, 32), (32, 16, 32), (160, 8, 64), (48, 8, 16)];
+
+#[test]
+fn attention_block() {
+    let mut cases = Cases::new(11, small_net(128, Block::Jsa));
+    (cases.storage, cases.arithmetic) = (Storage::F16, Arithmetic::Matrices);
+    for (channels, keys, values) in worth_compiling(&BLOCKS, 2).repeat(3) {
+        let size = size(&mut cases, 8);
+        let part = |name: &str, outputs| LinearPart { prefix: format!("bottleneck.0.{name}"), outputs };
+        let linear = |parts, inputs, norm: Option<&str>| LinearWeight {
+            parts,
+            inputs,
+            columns: 0..inputs,
+            bias: true,
+            norm: norm.map(|norm| format!("bottleneck.0.{norm}")),
+        };
+        let qkv = linear(vec![part("q", keys), part("k", keys), part("v", values)], values, Some("norm1"));
+        let qkf = linear(vec![part("qf", keys), part("kf", keys)], values, Some("norm1_f"));
+        let projection = Pack::Linear(linear(vec![part("proj", channels)], channels, None));
+        let (x, f) = (cases.map(size, channels, 3.0), cases.map(size, values, 3.0));
+        let dst = cases.target(size, channels);
+        let biases = [&qkv, &qkf].map(|weight| cases.pack(Pack::BiasRows(weight.clone())));
+        let block = AttentionBlock {
+            x,
+            f,
+            dst,
+            qkv: cases.dense_pack(Pack::Linear(qkv)),
+            qkf: cases.dense_pack(Pack::Linear(qkf)),
+            biases,
+            table: cases.pack(Pack::BiasMatrix { table: "bottleneck.0.bias_table".into(), heads: 1 }),
+            projection: cases.dense_pack(projection),
+            key_width: keys,
+            value_width: values,
+            tiles: cases.windows(size),
+        };
+        cases.add(Call::AttentionBlock(block), dst.buffer);
+    }
+    cases.check("attention_block", MATRIX_LIMIT);
 }
 
 #[test]

@@ -65,6 +65,7 @@ fn run(command: Command) -> Result<(), Failure> {
             folds,
             conv,
             separable,
+            attention,
             max_chain_mib,
             precision,
             region,
@@ -80,6 +81,7 @@ fn run(command: Command) -> Result<(), Failure> {
                 folds: Some(folds),
                 conv,
                 separable,
+                attention: attention.map(Into::into),
                 max_chain_bytes: max_chain_mib.map(|mib| mib << 20),
                 ..Options::default()
             };
@@ -94,8 +96,8 @@ fn run(command: Command) -> Result<(), Failure> {
             blocks::blocks(&Session::open(&common)?, &sizes, &channels, json)
         }
         Command::Tables { size, common, json } => tables::tables(&Session::open(&common)?, size, json),
-        Command::Plan { arch, size, precision, target, common, json } => {
-            plan::plan_of(&arch, size, precision, &plan::Machine::find(&target, &common)?, json)
+        Command::Plan { arch, head, size, precision, target, common, json } => {
+            plan::plan_of((&arch, head), size, precision, &plan::Machine::find(&target, &common)?, json)
         }
         Command::Roof { common, json } => {
             let header = Session::open(&common)?.header();

@@ -5,7 +5,8 @@
 // depends on the channel.
 //
 // A kernel defines before it includes this: STAGED_INPUTS, vectors of 16 bytes in which it stages inputs, and
-// STAGED_BLOCKS, blocks of 16 rows of weights for 32 outputs.
+// STAGED_BLOCKS, blocks of 16 rows of weights for 32 outputs; where it needs more shared memory for something else,
+// STAGED_AT_LEAST, vectors in all.
 layout(buffer_reference, std430, buffer_reference_align = 16) readonly buffer Vectors { uvec4 v[]; };
 
 const uint SPLITS = SUBGROUPS / HALVES / TILES;  // subgroups that share the tokens of a tile
@@ -25,7 +26,12 @@ const uint STAGED_SUMS = SUBGROUPS * SUMS_TOKENS * SUMS_STRIDE;
 const uint BLOCK = 16u * OUTPUTS / 8u;           // vectors of a block of weights
 const uint STAGED_FACTORS = STAGED_INPUTS + STAGED_BLOCKS * BLOCK;
 
-shared uvec4 staged[STAGED_FACTORS > STAGED_SUMS ? STAGED_FACTORS : STAGED_SUMS];
+const uint STAGED_DENSE = STAGED_FACTORS > STAGED_SUMS ? STAGED_FACTORS : STAGED_SUMS;
+#ifndef STAGED_AT_LEAST
+#define STAGED_AT_LEAST 0u
+#endif
+
+shared uvec4 staged[STAGED_DENSE > STAGED_AT_LEAST ? STAGED_DENSE : STAGED_AT_LEAST];
 
 // This subgroup's tile among those of its workgroup, its half of that, and its block of outputs.
 uint own_tile = gl_SubgroupID / (HALVES * SPLITS);
@@ -42,17 +48,27 @@ void clear_sums() {
     [[unroll]] for (uint i = 0u; i < ROW_TILES * COLUMN_TILES; ++i) sums[i] = MatrixSum(0.0);
 }
 
+const uint WEIGHTS_AT_ONCE = 4u;                 // loads of an invocation
+
 // Stages blocks of weights for all outputs of the workgroup: `count` from block `first` of each block of outputs on, of
 // which a block of outputs has `all`. They follow the `before` that are staged already; there are PER_OUTPUTS for a
-// block of outputs in all.
+// block of outputs in all. Loads come before the stores, so that they overlap.
 void stage_weights(Vectors packed, uint first, uint all, uint before, const uint count, const uint PER_OUTPUTS) {
-    for (uint i = gl_LocalInvocationID.x; i < SPLITS * count * BLOCK; i += INVOCATIONS) {
-        uint split = i / (count * BLOCK), at = i % (count * BLOCK);
-        uint outputs = gl_WorkGroupID.y * SPLITS + split;
-        // Beyond the last block of outputs nobody computes.
-        uint from = bias_vectors + (outputs * all + first) * BLOCK + at;
-        if (outputs * OUTPUTS < 4u * dst_channels) {
-            staged[STAGED_INPUTS + (split * PER_OUTPUTS + before) * BLOCK + at] = packed.v[from];
+    const uint vectors = SPLITS * count * BLOCK;
+    [[dont_unroll]] for (uint begin = gl_LocalInvocationID.x; begin < vectors; begin += WEIGHTS_AT_ONCE * INVOCATIONS) {
+        uvec4 halves[WEIGHTS_AT_ONCE];
+        [[unroll]] for (uint n = 0u; n < WEIGHTS_AT_ONCE; ++n) {
+            uint i = min(begin + n * INVOCATIONS, vectors - 1u);
+            uint outputs = gl_WorkGroupID.y * SPLITS + i / (count * BLOCK);
+            // Beyond the last block of outputs nobody computes.
+            if (outputs * OUTPUTS < 4u * dst_channels) {
+                halves[n] = packed.v[bias_vectors + (outputs * all + first) * BLOCK + i % (count * BLOCK)];
+            }
+        }
+        [[unroll]] for (uint n = 0u; n < WEIGHTS_AT_ONCE; ++n) {
+            uint i = begin + n * INVOCATIONS;
+            uint to = STAGED_INPUTS + (i / (count * BLOCK) * PER_OUTPUTS + before) * BLOCK + i % (count * BLOCK);
+            if (i < vectors) staged[to] = halves[n];
         }
     }
 }
@@ -85,9 +101,11 @@ void multiply_add(uint a, uint a_stride, uint block, const uint depth) {
     }
 }
 
-// Writes the sums of `part` (0 or 1: half of the subgroup's tokens) to shared memory, for `staged_sum`.
+// Writes the sums of `part` (0 or 1: half of the subgroup's tokens) to shared memory, for `staged_sum`. Every subgroup
+// has a place of its own, where at first others may still read what was staged.
 void stage_sums(uint part) {
-    barrier();
+    if (part == 0u) barrier();
+    else subgroupBarrier();
     uint to = gl_SubgroupID * SUMS_TOKENS * SUMS_STRIDE;
     [[unroll]] for (uint m = 0u; m < SUMS_TOKENS / ROWS; ++m) {
         [[unroll]] for (uint n = 0u; n < COLUMN_TILES; ++n) {
@@ -95,7 +113,7 @@ void stage_sums(uint part) {
                 to + m * ROWS * SUMS_STRIDE + n * COLUMNS / 4u, SUMS_STRIDE, gl_CooperativeMatrixLayoutRowMajor);
         }
     }
-    barrier();
+    subgroupBarrier();
 }
 
 // Four channels of one of those tokens.

@@ -64,6 +64,7 @@ impl Call {
             Self::Linear(k) if contract.needs_matrix() => matrix::linear(k, special),
             Self::Separable3x3(k) if contract.needs_matrix() => matrix::separable3x3(k, special),
             Self::WindowAttention(k) if contract.needs_matrix() => matrix::window_attention(k),
+            Self::AttentionBlock(k) => matrix::attention_block(k, self.kernel().groups(variant)),
             Self::Unembed(k) if contract.needs_matrix() => matrix::unembed(k),
             Self::KernelInputs(k) if contract.needs_matrix() => matrix::kernel_inputs(k),
             Self::PredictKernels(k) if contract.needs_matrix() => matrix::predict_kernels(k),

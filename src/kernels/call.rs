@@ -1,8 +1,8 @@
 //! A kernel with its arguments, whichever it is.
 
 use super::{
-    Access, Grid, Kernel, Tiles, Traffic, View, aux_projection, dense, expand, film, frame_io, maps, predicted, quiet,
-    separable, signals, stats, unembed, window_attention, winograd,
+    Access, Grid, Kernel, Tiles, Traffic, View, attention_block, aux_projection, dense, expand, film, frame_io, maps,
+    predicted, quiet, separable, signals, stats, unembed, window_attention, winograd,
 };
 
 /// Declares [`Call`]: a variant of the enum for each kernel.
@@ -61,6 +61,8 @@ calls! {
     LayerNorm(maps::LayerNorm),
     /// Joint window attention.
     WindowAttention(window_attention::WindowAttention),
+    /// A block's attention with its Linears in one.
+    AttentionBlock(attention_block::AttentionBlock),
     /// A small map made large.
     Expand(expand::Expand),
     /// Partial sums over tokens.

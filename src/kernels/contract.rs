@@ -35,6 +35,8 @@ pub struct Constant {
 pub enum ConstantValue {
     /// Invocations of so many subgroups.
     Subgroups(u32),
+    /// Invocations of as many subgroups as it takes matrices for the rows of a window of 64 tokens.
+    WindowInvocations,
     /// Rows of the first factor.
     MatrixRows,
     /// Columns of the second factor.
@@ -69,6 +71,8 @@ pub struct Specialisation {
     pub inner: u32,
     /// Tiles of 8x8 tokens of a workgroup on matrices.
     pub tiles: u32,
+    /// Whether there are so few workgroups that more subgroups are to share the tokens of a tile.
+    pub few: bool,
     /// Input channels that it stages at a time.
     pub inputs: u32,
     /// Channels of queries and keys.

@@ -12,6 +12,7 @@ const MATRICES: &[Need] = &[Need::Matrix];
 /// As `glsl/shared/matrix.glsl` declares them.
 const INVOCATIONS: Constant = Constant { name: "INVOCATIONS", value: ConstantValue::Subgroups(MATRIX_SUBGROUPS) };
 const DENSE_INVOCATIONS: Constant = Constant { name: "INVOCATIONS", value: ConstantValue::DenseInvocations };
+const WINDOW_INVOCATIONS: Constant = Constant { name: "INVOCATIONS", value: ConstantValue::WindowInvocations };
 const AUX_INVOCATIONS: Constant = Constant { name: "INVOCATIONS", value: ConstantValue::Subgroups(AUX_SUBGROUPS) };
 const ROWS: Constant = Constant { name: "ROWS", value: ConstantValue::MatrixRows };
 const COLUMNS: Constant = Constant { name: "COLUMNS", value: ConstantValue::MatrixColumns };
@@ -34,7 +35,8 @@ const DENSE_MATRIX_CUT: &[Constant] =
 const SEPARABLE_MATRIX_CUT: &[Constant] =
     &[DENSE_INVOCATIONS, ROWS, COLUMNS, DEPTH, EPILOGUE, TILES, HALVES_OF_TILES, INPUTS, INNER_EPILOGUE];
 const UNEMBED_MATRIX_CUT: &[Constant] = &[INVOCATIONS, ROWS, COLUMNS, DEPTH, INPUTS];
-const ATTENTION_MATRIX_CUT: &[Constant] = &[INVOCATIONS, ROWS, COLUMNS, DEPTH, KEYS, VALUES];
+const ATTENTION_MATRIX_CUT: &[Constant] = &[WINDOW_INVOCATIONS, ROWS, COLUMNS, DEPTH, KEYS, VALUES];
+const ATTENTION_BLOCK_CUT: &[Constant] = &[WINDOW_INVOCATIONS, ROWS, COLUMNS, DEPTH, KEYS, VALUES, INPUTS];
 const DENSE: &[Constant] = &[EPILOGUE];
 const SEPARABLE: &[Constant] = &[EPILOGUE, INNER_EPILOGUE];
 
@@ -269,6 +271,9 @@ contracts! {
         /// Joint window attention on cooperative matrices.
         WINDOW_ATTENTION_MATRIX = "window_attention_matrix" "window_attention_matrix.comp" WindowAttentionPush
             { "SRC_F16": "1", "DST_F16": "1" } MATRICES, ATTENTION_MATRIX_CUT;
+        /// A block's attention with its Linears in one on cooperative matrices.
+        ATTENTION_BLOCK_MATRIX = "attention_block_matrix" "attention_block_matrix.comp" AttentionBlockPush
+            { "SRC_F16": "1", "DST_F16": "1" } MATRICES, ATTENTION_BLOCK_CUT;
         /// FiLM vectors.
         FILM_VECTOR = "film_vector" "film_vector.comp" FilmVectorPush {} &[];
         /// A histogram to zero.

@@ -126,7 +126,11 @@ impl Kernel for Conv3x3 {
     fn choose(&self, target: KernelTarget) -> Variant {
         let epilogue = self.epilogue();
         match self.chosen() {
-            Some((contract, special)) => Variant::on_matrices(contract, Specialisation { epilogue, ..special }),
+            Some((contract, special)) => {
+                let (width, height) = self.result_size();
+                let special = on_matrices::cut_for(special, self.tiles.count(width, height), self.channels);
+                Variant::on_matrices(contract, Specialisation { epilogue, ..special })
+            }
             None => Variant::dense(self.on_floats(target), Specialisation { epilogue, ..Specialisation::default() }),
         }
     }
@@ -298,12 +302,14 @@ impl Linear {
 
 impl Kernel for Linear {
     fn choose(&self, target: KernelTarget) -> Variant {
-        let special = Specialisation { epilogue: self.epilogue(), ..self.chosen().unwrap_or_default() };
-        match self.chosen() {
-            Some(_) if self.norm => Variant::on_matrices(&contracts::LINEAR_NORM_MATRIX, special),
-            Some(_) => Variant::on_matrices(&contracts::LINEAR_MATRIX, special),
-            None => Variant::dense(self.on_floats(target), special),
-        }
+        let epilogue = self.epilogue();
+        let Some(special) = self.chosen() else {
+            return Variant::dense(self.on_floats(target), Specialisation { epilogue, ..Specialisation::default() });
+        };
+        let dst = &self.dst;
+        let special = on_matrices::cut_for(special, self.tiles.count(dst.width, dst.height), dst.channels);
+        let contract = if self.norm { &contracts::LINEAR_NORM_MATRIX } else { &contracts::LINEAR_MATRIX };
+        Variant::on_matrices(contract, Specialisation { epilogue, ..special })
     }
 
     fn groups(&self, variant: &Variant) -> [u32; 3] {

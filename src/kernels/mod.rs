@@ -6,6 +6,7 @@
 
 pub mod access;
 mod accesses;
+pub mod attention_block;
 pub mod aux_projection;
 mod call;
 pub mod contract;
@@ -299,7 +300,8 @@ impl std::fmt::Display for Specialisation {
         write_all("inner_", self.inner)?;
         write_all("", self.epilogue)?;
         let shape = [('t', self.tiles), ('i', self.inputs), ('k', self.keys), ('v', self.values)];
-        shape.iter().filter(|(_, size)| *size > 0).try_for_each(|(name, size)| write!(f, "/{name}{size}"))
+        shape.iter().filter(|(_, size)| *size > 0).try_for_each(|(name, size)| write!(f, "/{name}{size}"))?;
+        if self.few { f.write_str("/few") } else { Ok(()) }
     }
 }
 

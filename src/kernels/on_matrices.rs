@@ -97,9 +97,38 @@ pub(super) fn window_attention(keys: u32, values: u32) -> Option<Specialisation>
     fits.then(|| Specialisation { keys, values, ..Specialisation::default() })
 }
 
+/// Of a block's attention with its Linears, of so many channels of queries, of values and in all: `inputs` is what the
+/// projection stages at a time of the channels that do not attend.
+pub(super) fn attention_block(keys: u32, values: u32, channels: u32) -> Option<Specialisation> {
+    let rest = channels.checked_sub(values)?;
+    // Within a workgroup's outputs a matrix of queries, keys or values crosses no block of weights.
+    if ![8, 16, 32].contains(&keys) || ![16, 32, 64].contains(&values) {
+        return None;
+    }
+    let inputs = [48, 32, 16].into_iter().find(|inputs| rest.is_multiple_of(*inputs))?;
+    let rows = |channels: u32| TOKENS * (2 * channels + 16);
+    let queries_and_keys = 4 * rows(keys.next_multiple_of(DEPTH));
+    let scores = TOKENS * (4 * TOKENS + 16);
+    let projection = rows(inputs) + 2 * inputs.max(32) * outputs_of(1);
+    // A subgroup's sums of half its tokens, 32 bits each, padded.
+    let sums = MOST_TILES * TOKENS / 2 * (4 * TILE_CHANNELS + 16);
+    let most = [queries_and_keys, scores, projection, sums].into_iter().max()?;
+    let fits = most + rows(values) + 4 * TOKENS <= SHARED_BYTES;
+    fits.then(|| Specialisation { tiles: 1, inputs, keys, values, ..Specialisation::default() })
+}
+
 /// Workgroups for so many tiles and outputs.
 pub(super) fn groups_of(special: Specialisation, tiles: u32, outputs: u32) -> [u32; 3] {
     groups(tiles.div_ceil(special.tiles), outputs.div_ceil(outputs_of(special.tiles)))
+}
+
+/// Workgroups up to which more subgroups share a tile: as many as a large GPU has multiprocessors.
+const FEW_GROUPS: u32 = 128;
+
+/// The same cut, for so many tiles and outputs of a dense kernel.
+pub(super) fn cut_for(special: Specialisation, tiles: u32, outputs: u32) -> Specialisation {
+    let groups: u32 = groups_of(special, tiles, outputs).into_iter().product();
+    Specialisation { few: groups <= FEW_GROUPS, ..special }
 }
 
 /// Whether kernels on matrices can load from all of these maps.

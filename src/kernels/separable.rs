@@ -41,10 +41,12 @@ impl Separable3x3 {
 impl Kernel for Separable3x3 {
     fn choose(&self, target: KernelTarget) -> Variant {
         let inner = activation_flag(self.depthwise.activation);
-        let special =
-            Specialisation { inner, epilogue: self.pointwise.epilogue(), ..self.chosen().unwrap_or_default() };
-        if self.chosen().is_some() {
-            return Variant::on_matrices(&contracts::SEPARABLE3X3_MATRIX, special);
+        let special = Specialisation { inner, epilogue: self.pointwise.epilogue(), ..Specialisation::default() };
+        if let Some(cut) = self.chosen() {
+            let Linear { tiles, dst, .. } = &self.pointwise;
+            let cut = on_matrices::cut_for(cut, tiles.count(dst.width, dst.height), dst.channels);
+            let Specialisation { inner, epilogue, .. } = special;
+            return Variant::on_matrices(&contracts::SEPARABLE3X3_MATRIX, Specialisation { inner, epilogue, ..cut });
         }
         let of = |f32, f16| by_storage(self.pointwise.dst.storage, f32, f16);
         let contract = match target.cpu_with(&self.texels()) {

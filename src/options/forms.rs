@@ -46,3 +46,13 @@ impl SeparableForm {
         }
     }
 }
+
+/// How a block's attention is computed, where there is a kernel for all of it: on matrices, of one head.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum AttentionForm {
+    /// With its norms, Linears and residual as one kernel.
+    #[default]
+    Joined,
+    /// As four kernels, their results between them in memory.
+    FourKernels,
+}

@@ -12,7 +12,7 @@ use crate::renderer::BufferAddress;
 use std::fmt;
 use std::str::FromStr;
 
-pub use forms::{ConvAlgorithm, SeparableForm};
+pub use forms::{AttentionForm, ConvAlgorithm, SeparableForm};
 pub use quiet::{Quiet, QuietMargins, QuietMode};
 
 /// Arithmetic and storage of the network.
@@ -92,6 +92,8 @@ pub struct Options {
     pub conv: Option<ConvAlgorithm>,
     /// How separable convolutions are; `None`: as suits the device.
     pub separable: Option<SeparableForm>,
+    /// How a block's attention is; `None`: as suits the device.
+    pub attention: Option<AttentionForm>,
     /// Most device memory that a frame may take (arena, weights and, in the host path, staging), in bytes. The host
     /// path cuts a frame that needs more into tiles ([`Report::tiles`]), and refuses one of which no tile fits; a
     /// renderer's pass is refused. Nothing is allocated before that. `None`: what the device has.

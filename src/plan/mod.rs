@@ -3,6 +3,7 @@
 
 pub mod active;
 pub(crate) mod arena;
+mod attention_block;
 mod aux_projection;
 mod bands;
 mod featureless;

@@ -17,6 +17,9 @@ impl Lowering<'_> {
         if let Some(projection) = self.aux_projection(at) {
             return projection;
         }
+        if let Some(block) = self.attention_block(at) {
+            return block;
+        }
         let graph = self.graph;
         let op = &graph.ops[at];
         let (call, flops) = (self.op(op), self.flops(op));

@@ -2,6 +2,7 @@
 //! at once, as 32-bit floats or, for matrices, halves.
 
 use super::{predicted, unembed, winograd};
+use crate::kernels::attention_block::BIAS_ROWS;
 use crate::kernels::dense::{TILE_CHANNELS, conv_tile_channels};
 use crate::kernels::on_matrices::DEPTH;
 use crate::kernels::predicted::{MATRIX_WEIGHTS, WEIGHTS};
@@ -105,6 +106,8 @@ pub enum Pack {
     /// a tile's rows (taps and inputs, filled up with zeros to a multiple of [`DEPTH`]) `[DEPTH rows][output][row]`, so
     /// that those of an output lie side by side.
     Halves(Box<Pack>),
+    /// The biases of a [`Pack::Linear`], [`BIAS_ROWS`] times: `[row][bias]`, where sums of matrices begin.
+    BiasRows(LinearWeight),
     /// `[biases of what is predicted from, by pixel of a token | the reliability's row | biases of the outputs | matrix
     /// by pixel of a token | matrix of the outputs]` of an [`crate::net::OpKind::PredictKernels`], matrices as `[output
     /// / 4][input][4 outputs]`.
@@ -156,6 +159,7 @@ impl Pack {
                 let rows = pack.rows();
                 rows.biases + rows.biases * rows.count.next_multiple_of(DEPTH as usize) / 2
             }
+            Self::BiasRows(w) => (BIAS_ROWS * linear_outputs(w).next_multiple_of(TILE_CHANNELS)) as usize,
             Self::Kernels { .. } => WEIGHTS,
             Self::KernelsMatrix { .. } => MATRIX_WEIGHTS,
             Self::FilmVector { inputs, outputs, .. } => (*outputs * (*inputs + 1)) as usize,
@@ -315,6 +319,11 @@ impl Pack {
                     let [dy, dx] = [query / 8 + 7 - key / 8, query % 8 + 7 - key % 8];
                     *value = source[(dy * 15 + dx) * *heads as usize + head];
                 }
+            }
+            Self::BiasRows(w) => {
+                let linear = Self::Linear(w.clone()).floats(weights)?;
+                let biases = &linear[..out.len() / BIAS_ROWS as usize];
+                out.chunks_exact_mut(biases.len()).for_each(|row| row.copy_from_slice(biases));
             }
             // Their words are made of those of another pack.
             Self::Halves(_) | Self::UnembedMatrix { .. } | Self::KernelsMatrix { .. } => {}

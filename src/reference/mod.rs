@@ -4,6 +4,7 @@
 //! tensors' own names and layout instead of the packed buffers, and keep every value in f64. So a wrong index, a wrong
 //! packing or a lost digit of the device shows as a difference. Values never written are NaN.
 
+mod attention_block;
 mod aux_projection;
 mod dense;
 mod expand;
@@ -180,6 +181,7 @@ impl<'a> Reference<'a> {
             Call::MixLevels(k) => predicted::mix_levels(self, k),
             Call::LayerNorm(k) => maps::layer_norm(self, k),
             Call::WindowAttention(k) => window_attention::window_attention(self, k),
+            Call::AttentionBlock(k) => attention_block::attention_block(self, k),
             Call::Expand(k) => expand::expand(self, k),
             Call::TokenSum(k) => film::token_sum(self, k),
             Call::FilmVector(k) => film::film_vector(self, k),

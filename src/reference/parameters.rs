@@ -78,6 +78,7 @@ impl Parameters {
                 return Self::new(&Pack::BiasTable { table: table.clone(), heads: *heads }, weights);
             }
             Pack::Halves(pack) => return Self::new(pack, weights),
+            Pack::BiasRows(linear) => return Self::new(&Pack::Linear(linear.clone()), weights),
             Pack::Kernels { head, levels } | Pack::KernelsMatrix { head, levels } => {
                 let linear = |name: &str, inputs: usize| -> Result<Linear, WeightsError> {
                     let rows = tensor(&format!("{head}.{name}"), "weight")?.chunks_exact(inputs);

@@ -4,7 +4,7 @@ use super::Reference;
 use super::map::Map;
 use super::parallel::for_each_row;
 use super::parameters::Parameters;
-use crate::kernels::TILE;
+use crate::kernels::{BufferId, TILE};
 use crate::kernels::window_attention::WindowAttention;
 
 const SIDE: usize = TILE as usize;
@@ -12,33 +12,42 @@ const SIDE: usize = TILE as usize;
 /// Head by head `softmax((Q K^T / sqrt(d) + B) * (Qf Kf^T / sqrt(d) + B)) V`.
 pub fn window_attention(reference: &mut Reference, call: &WindowAttention) {
     let (x, f) = (reference.map(&call.x), reference.map(&call.f));
-    let tables = match reference.parameters(call.bias) {
-        Parameters::BiasTable(tables) => tables,
-        other => unreachable!("window_attention is given {other:?}"),
-    };
-    let mut result = Map::zeros(x.width, x.height, call.dst.channels as usize);
-    let row_of_windows = result.row_len() * SIDE;
-    for_each_row(&mut result.values, row_of_windows, |window_y, out| {
-        for window_x in 0..x.width / SIDE {
-            for (head, table) in tables.iter().enumerate() {
-                window(&x, &f, call, table, (window_x, window_y, head), out);
-            }
-        }
-    });
+    let result = reference.attended(&x, &f, call.bias, (call.key_width as usize, call.value_width as usize));
     let tiles = reference.tiles(&call.tiles, call.dst.width, call.dst.height);
     reference.store(&result, &call.dst, &tiles, |x, y, channel| (x, y, channel));
 }
 
-/// One window and head; `out` is the window's row of the result.
+impl Reference<'_> {
+    /// The attended values of `[Q | K | V]` and `[Qf | Kf]`, each head-major, of so many channels of keys and of values
+    /// a head.
+    pub(super) fn attended(&self, x: &Map, f: &Map, bias: BufferId, (keys, values): (usize, usize)) -> Map {
+        let tables = match self.parameters(bias) {
+            Parameters::BiasTable(tables) => tables,
+            other => unreachable!("an attention is given {other:?}"),
+        };
+        let mut result = Map::zeros(x.width, x.height, tables.len() * values);
+        let row_of_windows = result.row_len() * SIDE;
+        for_each_row(&mut result.values, row_of_windows, |window_y, out| {
+            for window_x in 0..x.width / SIDE {
+                for (head, table) in tables.iter().enumerate() {
+                    let widths = (tables.len(), keys, values);
+                    window(x, f, widths, table, (window_x, window_y, head), out);
+                }
+            }
+        });
+        result
+    }
+}
+
+/// One window and head, of so many heads and channels of keys and of values; `out` is the window's row of the result.
 fn window(
     x: &Map,
     f: &Map,
-    call: &WindowAttention,
+    (heads, keys, values): (usize, usize, usize),
     table: &[f64],
     (window_x, window_y, head): (usize, usize, usize),
     out: &mut [f64],
 ) {
-    let (heads, keys, values) = (call.heads as usize, call.key_width as usize, call.value_width as usize);
     let token = |map: &'_ Map, i: usize| {
         let start = (window_y * SIDE + i / SIDE) * map.row_len() + (window_x * SIDE + i % SIDE) * map.channels;
         start..start + map.channels

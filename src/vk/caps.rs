@@ -2,6 +2,7 @@
 
 use super::matrix::{self, MatrixShape};
 use crate::kernels::contract::{ConstantValue, Need, Sharing, Specialisation};
+use crate::kernels::TILE;
 use crate::kernels::contracts::MATRIX_SUBGROUPS;
 use ash::vk;
 use std::ffi::CStr;
@@ -142,16 +143,18 @@ impl Caps {
     /// What fills a specialisation constant; sizes of matrices are 0 where the device has none.
     pub(crate) fn constant(&self, value: ConstantValue, special: Specialisation) -> u32 {
         let matrix = |size: fn(MatrixShape) -> u32| self.matrix.map_or(0, size);
+        let halves = matrix(if special.few { |shape| shape.halves_of_few } else { |shape| shape.halves });
         match value {
             ConstantValue::Subgroups(count) => count * matrix(|shape| shape.subgroup),
+            ConstantValue::WindowInvocations => matrix(|shape| TILE * TILE / shape.rows * shape.subgroup),
             ConstantValue::MatrixRows => matrix(|shape| shape.rows),
             ConstantValue::MatrixColumns => matrix(|shape| shape.columns),
             ConstantValue::MatrixDepth => matrix(|shape| shape.depth),
             ConstantValue::Epilogue => special.epilogue,
             ConstantValue::InnerEpilogue => special.inner,
-            ConstantValue::DenseInvocations => MATRIX_SUBGROUPS * matrix(|shape| shape.halves * shape.subgroup),
+            ConstantValue::DenseInvocations => MATRIX_SUBGROUPS * halves * matrix(|shape| shape.subgroup),
             ConstantValue::Tiles => special.tiles,
-            ConstantValue::Halves => matrix(|shape| shape.halves),
+            ConstantValue::Halves => halves,
             ConstantValue::Inputs => special.inputs,
             ConstantValue::Keys => special.keys,
             ConstantValue::Values => special.values,

@@ -184,7 +184,10 @@ impl Device {
         let loader = khr::cooperative_matrix::Instance::new(&instance.entry, &instance.raw);
         let shape = matrix::shape(&loader, &instance.raw, physical);
         let halves = options.matrix_halves.map(|halves| halves.clamp(1, 2));
-        let shape = shape.map(|shape| MatrixShape { halves: halves.unwrap_or(shape.halves), ..shape });
+        let shape = match halves {
+            Some(halves) => shape.map(|shape| MatrixShape { halves, halves_of_few: halves, ..shape }),
+            None => shape,
+        };
         let caps = Caps { matrix: shape, ..caps };
         let priorities = [1.0];
         let queues =

@@ -37,6 +37,9 @@ pub struct MatrixShape {
     pub subgroup: u32,
     /// Subgroups that share a tile's tokens in dense kernels, 1 or 2: more hold less each.
     pub halves: u32,
+    /// The same where a dispatch has few workgroups ([`crate::kernels::contract::Specialisation::few`]): then a tile
+    /// takes as long as the whole map.
+    pub halves_of_few: u32,
 }
 
 /// Those of the features that are not of Vulkan 1.2, to be enabled when a device is made.
@@ -134,6 +137,7 @@ fn choose(shapes: &[vk::CooperativeMatrixPropertiesKHR], subgroup: u32) -> Optio
             subgroup,
             // CPU drivers, which have the small ones, compile half as much code in a fraction of the time.
             halves: if s.m_size < 16 { 2 } else { 1 },
+            halves_of_few: 2,
         })
         .max_by_key(|s| s.rows * s.columns * s.depth)
 }
@@ -169,7 +173,7 @@ mod tests {
         shapes.extend([(16, 8, 8), (16, 16, 16), (16, 8, 16)].map(|size| listed(size, half, float)));
         assert_eq!(
             choose(&shapes, 32),
-            Some(MatrixShape { rows: 16, columns: 16, depth: 16, subgroup: 32, halves: 1 })
+            Some(MatrixShape { rows: 16, columns: 16, depth: 16, subgroup: 32, halves: 1, halves_of_few: 2 })
         );
     }
 }

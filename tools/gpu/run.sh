@@ -33,6 +33,13 @@ step() {
 }
 # The median that follows a key of an indented JSON file.
 median() { awk -v key="\"$2\":" '$1 == key { found = 1 } found && $1 == "\"median\":" { gsub(",", "", $2); print $2; exit }' "$1"; }
+# Microseconds, megabytes read and written and the name of every kernel of such a file, the longest first.
+by_kernel() {
+  awk '$1 == "\"by_kernel\":" { inside = 1 } $1 == "\"by_stage\":" { inside = 0 } { gsub("[\",]", "", $2) }
+    inside && $1 == "\"kernel\":" { kernel = $2 } inside && $1 == "\"mb_read\":" { bytes = $2 }
+    inside && $1 == "\"mb_written\":" { bytes += $2 } inside && $1 == "\"median\":" { time = $2 }
+    inside && $1 == "\"variant\":" { printf "%10.1f us %10.1f MB  %s\n", time, bytes, kernel }' "$1" | sort -nr
+}
 
 : > "$out/steps"
 cp commit "$out/" 2>/dev/null
@@ -43,19 +50,23 @@ if wants device; then
   step roof.json 40 bin/vkdenoise-profile roof --json
 fi
 if wants check; then
-  for name in kernels convolutions matrix; do
-    step "check-$name.txt" 120 "tests/$name" --nocapture --test-threads=4
+  for name in kernels convolutions matrix predicted stats signals neutral; do
+    step "check-$name.txt" 90 "tests/$name" --nocapture --test-threads=4
   done
 fi
-# A whole pass with planes in device memory, plain and with every kernel timed.
+# A whole pass with planes in device memory, plain and with every kernel timed. `kernels` is the Hybrid that predicts
+# kernels, the network of `--quality high`.
 network() {
-  local arch=$1 size=$2 tier=$3 repeat=$4
+  local name=$1 size=$2 tier=$3 repeat=$4 arch=(--arch "$1")
   shift 4
-  step "network-$arch-$size-$tier.json" 60 bin/vkdenoise-profile network --arch "$arch" --size "$size" --precision "$tier" \
+  [ "$name" != kernels ] || arch=(--arch hybrid --head pure)
+  step "network-$name-$size-$tier.json" 60 bin/vkdenoise-profile network "${arch[@]}" --size "$size" --precision "$tier" \
     --repeat "$repeat" --warm-up 5 --json "$@"
 }
 if wants networks; then
-  for size in 1024x1024 256x256 512x512 1920x1080 2048x2048 3840x2160; do network hybrid $size matrix 15; done
+  for name in hybrid kernels; do
+    for size in 1024x1024 256x256 512x512 1920x1080 2048x2048 3840x2160; do network $name $size matrix 15; done
+  done
   network expanded_patch 1024x1024 matrix 15
   for size in 1024x1024 512x512 256x256; do network hybrid $size fp32 9; network hybrid $size fp16 9; done
   network expanded_patch 1024x1024 fp32 9
@@ -73,16 +84,30 @@ if wants parts; then
 fi
 if wants sweep; then
   # MiB of a map between consecutive operations, above which they run band by band; subgroups that share a tile's tokens.
+  # First the attention of a block as one kernel against four, beside what both are compared with.
+  for size in 1024x1024 256x256; do
+    for choice in "--attention joined" "--attention four-kernels"; do
+      step "sweep-$size${choice// /}.json" 60 bin/vkdenoise-profile network --size $size --precision matrix --repeat 15 \
+        --warm-up 5 --json $choice
+    done
+  done
   for choice in "--max-chain-mib 32" "--max-chain-mib 64" "--matrix-halves 2"; do
-    step "sweep${choice// /}.json" 60 bin/vkdenoise-profile network --size 1024 --precision matrix --repeat 9 --warm-up 5 \
-      --json $choice
+    step "sweep-1024x1024${choice// /}.json" 60 bin/vkdenoise-profile network --size 1024 --precision matrix --repeat 9 \
+      --warm-up 5 --json $choice
   done
 fi
 
-printf '\n%-18s %-12s %-8s %10s %10s\n' network size tier 'pass ms' 'kernels ms'
-for file in "$out"/network-*.json; do
+# Where the time goes, kernel by kernel.
+for file in "$out"/network-*-1024x1024-matrix.json "$out"/network-*-256x256-matrix.json; do
   [ -s "$file" ] || continue
-  IFS=- read -r _ arch size tier <<< "$(basename "$file" .json)"
+  by_kernel "$file" > "$out/kernels-$(basename "$file" .json | cut -d- -f2-3).txt"
+done
+
+printf '\n%-18s %-12s %-8s %10s %10s\n' network size tier 'pass ms' 'kernels ms'
+for file in "$out"/network-*.json "$out"/sweep-*.json; do
+  [ -s "$file" ] || continue
+  IFS=- read -r step arch size tier <<< "$(basename "$file" .json)"
+  [ "$step" != sweep ] || { tier=$size; size=$arch; arch=sweep; }
   kernels=$(awk '$1 == "\"kernels_ms\":" { gsub(",", "", $2); print $2; exit }' "$file")
   printf '%-18s %-12s %-8s %10.3f %10.3f\n' "$arch" "$size" "$tier" "$(median "$file" pass_ms)" "${kernels:-0}"
 done | tee "$out/table.txt"

@@ -4,7 +4,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 use vkdenoise::kernels::winograd::WinogradTile;
 use vkdenoise::net::{Arch, Folds, Head};
-use vkdenoise::options::{ConvAlgorithm, SeparableForm};
+use vkdenoise::options::{AttentionForm, ConvAlgorithm, SeparableForm};
 use vkdenoise::{DeviceSelector, Extent, Precision, QuietMode, Region};
 
 /// Where the time goes: networks, blocks and convolutions, kernel by kernel, by timestamps in the command buffer.
@@ -42,6 +42,9 @@ pub enum Command {
         /// How depthwise-separable convolutions are computed; as suits the device where it is left out
         #[arg(long, value_name = "F")]
         separable: Option<Separable>,
+        /// How a block's attention is computed on matrices; as suits the device where it is left out
+        #[arg(long, value_name = "F")]
+        attention: Option<Attention>,
         /// Arithmetic: "auto" (as suits the device), "fp32" or "matrix" (dense convolutions on cooperative matrices)
         #[arg(long, value_name = "P", env = "VKDENOISE_PRECISION", default_value = "auto", value_parser = precision)]
         precision: Precision,
@@ -109,6 +112,9 @@ pub enum Command {
         /// Which network
         #[arg(long, value_name = "A", default_value = "hybrid", value_parser = Arch::NAMES)]
         arch: String,
+        /// How its last maps become the picture: residual, or predicted kernels, pure or gated with the residual
+        #[arg(long, value_name = "H", default_value = "residual")]
+        head: Head,
         /// Frame size
         #[arg(long, value_name = "WxH", default_value = "1024x1024", value_parser = size)]
         size: Extent,
@@ -184,6 +190,24 @@ impl From<Separable> for SeparableForm {
             Separable::TwoKernels => Self::TwoKernels,
             Separable::Fused => Self::Fused,
             Separable::Narrow => Self::Narrow,
+        }
+    }
+}
+
+/// Forms of a block's attention.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Attention {
+    /// With its Linears in one kernel
+    Joined,
+    /// Two Linears, the attention and its projection
+    FourKernels,
+}
+
+impl From<Attention> for AttentionForm {
+    fn from(attention: Attention) -> Self {
+        match attention {
+            Attention::Joined => Self::Joined,
+            Attention::FourKernels => Self::FourKernels,
         }
     }
 }

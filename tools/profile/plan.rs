@@ -8,7 +8,7 @@ use serde::{Deserialize, Serialize};
 use serde_json::json;
 use std::collections::BTreeMap;
 use vkdenoise::kernels::{Arithmetic, Storage};
-use vkdenoise::net::{Arch, Graph};
+use vkdenoise::net::{Arch, Graph, Head};
 use vkdenoise::plan::{Dispatch, plan};
 use vkdenoise::profile::{Roof, Shape};
 use vkdenoise::target::Target;
@@ -176,14 +176,14 @@ fn sums(rows: &[Row]) -> Vec<Row> {
 
 /// The subcommand.
 pub fn plan_of(
-    name: &str,
+    (name, head): (&str, Head),
     extent: Extent,
     precision: Precision,
     machine: &Machine,
     as_json: bool,
 ) -> Result<(), Failure> {
     let arch = Arch::named(name).ok_or_else(|| Failure(format!("there is no network called {name}")))?;
-    let graph = Graph::new(&arch).map_err(|error| Failure(error.to_string()))?;
+    let graph = Graph::new(&Arch { head, ..arch }).map_err(|error| Failure(error.to_string()))?;
     let plan = plan(&graph, extent, &machine.target(precision)?)?;
     let rows: Vec<Row> = plan.dispatches.iter().map(|dispatch| Row::new(dispatch, machine)).collect();
     let sums = sums(&rows);

@@ -2,6 +2,7 @@
 //! ones, which load and store vectors of four halves.
 
 use super::{Accesses, epilogue_loads};
+use crate::kernels::attention_block::AttentionBlock;
 use crate::kernels::aux_projection::{AUX_CHANNELS, CHANNELS, REACH};
 use crate::kernels::contract::Specialisation;
 use crate::kernels::contracts::{AUX_SUBGROUPS, MATRIX_SUBGROUPS};
@@ -99,6 +100,44 @@ pub(super) fn window_attention(call: &WindowAttention) -> Accesses {
     }
 }
 
+/// Of a window and up to 128 outputs each: its norms and Linears, its attention, its projection.
+pub(super) fn attention_block(call: &AttentionBlock, groups: [u32; 3]) -> Accesses {
+    let groups: u64 = groups.into_iter().map(u64::from).product();
+    let (keys, values) = (u64::from(call.key_width), u64::from(call.value_width));
+    let channels = u64::from(call.x.channels);
+    let padded = keys.next_multiple_of(DEPTH.into());
+    let outputs = 4 * padded + values;
+    // Every subgroup loads all weights and biases of its queries' Linears; the projection's are staged.
+    let weights = SUBGROUPS * outputs * values / 8 + SUBGROUPS * 4 * outputs;
+    let scores = TOKENS * TOKENS / 4;
+    let results = SUBGROUPS * TOKENS * OUTPUTS / 4;
+    let staged_weights = SUBGROUPS * OUTPUTS * channels / 8;
+    let rest = TOKENS * (channels - values) / 8;
+    Accesses {
+        global_loads: groups * (TOKENS * 2 * values / 8 + weights + scores + rest + staged_weights + 2 * results),
+        global_stores: groups * results,
+        shared_loads: groups
+            * (TOKENS * 2 * values / 8
+                + 2 * (TOKENS + SUBGROUPS * TOKENS) * padded / 8
+                + scores
+                + scores / 2
+                + SUBGROUPS * TOKENS * values / 8
+                + TOKENS * values / 4
+                + SUBGROUPS * (TOKENS + OUTPUTS) * channels / 8
+                + results),
+        shared_stores: groups
+            * (TOKENS * 2 * values / 8
+                + TOKENS * outputs / 8
+                + scores
+                + scores / 2
+                + TOKENS * values / 4
+                + TOKENS * values / 8
+                + rest
+                + staged_weights
+                + results),
+    }
+}
+
 /// Away from the border, where a workgroup takes several sets of weights.
 pub(super) fn unembed(call: &Unembed) -> Accesses {
     let tiles = u64::from(call.tiles.count(call.src.width, call.src.height));
@@ -151,9 +190,9 @@ pub(super) fn aux_projection(groups: [u32; 3]) -> Accesses {
     for step in 0..REACH {
         let (from, to) = (size(REACH - step), size(REACH - step - 1));
         let inputs = u64::from(if step == 0 { DEPTH } else { CHANNELS });
-        // A matrix of sixteen tokens and outputs at a time; runs of two rows load four of three tokens; an invocation
+        // Subgroups load the weights of sixteen outputs each; runs of two rows load four of three tokens; an invocation
         // nine taps and two biases.
-        let matrices = (from.div_ceil(16) * inputs + own / 16 * u64::from(CHANNELS)) * vectors;
+        let matrices = u64::from(AUX_SUBGROUPS) * 16 * (inputs + u64::from(CHANNELS)) / 8;
         loads += matrices + 11 * u64::from(AUX_SUBGROUPS) * 32;
         shared_loads += 2 * (from * inputs + own * u64::from(CHANNELS)) / 8 + to / 2 * 12 * columns;
         shared_stores += from * vectors + to * columns;
