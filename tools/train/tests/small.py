@@ -3,8 +3,9 @@ from dataclasses import replace
 
 import numpy as np
 import OpenEXR
+import torch
 
-from vkdn import hashweights
+from vkdn import hashweights, procedural
 from vkdn.arch import ARCHITECTURES, with_head
 from vkdn.crops import Store, arrays
 from vkdn.images import COLOR
@@ -37,6 +38,16 @@ def store(count=3):
     kept = Store("cpu")
     kept.add(found["color"], found["features"], found["reference"], found["depth_scale"], False, found["known"])
     return kept.finish()
+
+
+def write_crops(folder):
+    """A finished folder of two procedural crops, as vkdn.procedural leaves it."""
+    found = arrays([view(seed) for seed in (7, 8)])
+    twice = lambda t: torch.cat([t, t], 1)
+    crops = {"color": twice(found["color"]), "features": twice(found["features"]), "reference": found["reference"]}
+    folder.mkdir()
+    procedural.save(crops | {"depth_scale": torch.ones(2)}, folder / "crops0000.pt")
+    (folder / procedural.COMPLETE).touch()
 
 
 def write_pairs(root, side=SIDE):

@@ -40,9 +40,12 @@ class TrainTest(unittest.TestCase):
     def test_a_run_stops_goes_on_and_leaves_weights(self):
         own = ["--from", str(self.start), "--batch", "2", "--share", "1", "--parallel", "2", "--lr", "1e-4"]
         own += ["--change", "clean=0.5", "--change", "clean_below=1", "--change", "shift=4"]
+        small.write_crops(self.folder / "crops")
+        own += ["--crops", str(self.folder / "crops")]
         Trainer(parse(None, arguments(self.folder, *own, "--steps", "2"))).run()
         Trainer(parse(None, arguments(self.folder, *own, "--steps", "3", "--resume"))).run()
         self.assertEqual([e["step"] for e in events(self.folder, "start")], [0, 2])
+        self.assertEqual(events(self.folder, "start")[1]["crops"], {"side": 128, "real": 1, "procedural": 2})
         found = events(self.folder, "evaluation")
         self.assertEqual([e["step"] for e in found], [0, 2, 3])
         self.assertEqual(set(found[-1]["psnr"]), {"1", "4", "32", "hard"})
