@@ -10,7 +10,7 @@ import torch
 import torch.nn.functional as F
 
 import bilateral_parameters
-from kit import data, preprocess
+from kit import prepare, preprocess
 
 LARGEST_RADIUS = 12
 
@@ -65,7 +65,7 @@ def overlap(offset, size):
 
 @torch.inference_mode()
 def smooth(c, aux, parameters):
-    """Log colour c [3, H, W] and aux [7, H, W], as `data.prepare` gives them -> filtered log colour [3, H, W]."""
+    """Log colour c [3, H, W] and aux [7, H, W], as `prepare` gives them -> filtered log colour [3, H, W]."""
     height, width = c.shape[1:]
     guide = guide_maps(c, aux, parameters)
     # The last channel sums the weights. A pixel's own weight is 1.
@@ -86,7 +86,7 @@ def smooth(c, aux, parameters):
 def filter_frame(planes, parameters):
     """planes: as `images.read_planes` gives them. Returns radiance [H, W, 3]."""
     stats = preprocess.statistics(planes["color"], planes.get("depth"))
-    c, aux = data.prepare(planes, stats)
+    c, aux = prepare(planes, stats)
     to_image = lambda t: t.permute(1, 2, 0).numpy()
     return preprocess.finish(to_image(smooth(c, aux, parameters)), stats.exposure)
 

@@ -1,14 +1,21 @@
-"""A weights file between two checkpoints: python -m vkdn.blend BASE.pt TUNED.pt OUT.safetensors --share 0.3
+"""A weights file between two: python -m vkdn.blend BASE TUNED OUT.safetensors --share 0.3
 
-Every weight is (1 - share) of the base's and share of the tuned one's, which must have started from the base. Where tuning for
-one property costs another, a part of the way often has most of the first and loses little of the second (Wortsman et al.,
-"Robust fine-tuning of zero-shot models", 2022).
+Every weight is (1 - share) of the base's and share of the tuned one's, which must have started from the base; each is
+a checkpoint or a weights file. Where tuning for one property costs another, a part of the way often has most of the
+first and loses little of the second (Wortsman et al., "Robust fine-tuning of zero-shot models", 2022).
 """
 import argparse
 
 from . import checkpoint, weights
-from .arch import from_dict
-from .model import Denoiser
+
+
+def blended(base, tuned, share):
+    """The base, its parameters a share of the way to those of `tuned`, a model of the same architecture."""
+    if base.arch != tuned.arch:
+        raise ValueError("the two are of different architectures")
+    state = tuned.state_dict()
+    base.load_state_dict({name: w.lerp(state[name], share) for name, w in base.state_dict().items()})
+    return base
 
 
 def main():
@@ -18,13 +25,11 @@ def main():
     p.add_argument("output")
     p.add_argument("--share", type=float, required=True, help="of the tuned weights, 0 to 1")
     args = p.parse_args()
-    base, tuned = (checkpoint.load(path) for path in (args.base, args.tuned))
-    model = Denoiser(from_dict(base["architecture"])).eval()
-    model.load_state_dict({name: w.lerp(tuned["average"][name], args.share) for name, w in base["average"].items()})
+    (base, record), (tuned, tuning) = (checkpoint.load_model(path) for path in (args.base, args.tuned))
     # What a validation of either said does not hold for the blend.
-    record = {key: value for key, value in base["record"].items() if key != "validation_psnr"}
-    tuning = {key: tuned["record"][key] for key in ("steps", "lr", "locality", "seed")}
-    weights.write(args.output, model, record | {"blended": {"share": args.share, **tuning}})
+    kept = lambda record: {key: value for key, value in record.items() if not key.startswith("validation")}
+    record = kept(record) | {"blended": {"share": args.share, **kept(tuning)}}
+    weights.write(args.output, blended(base, tuned, args.share), record)
 
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@ from pathlib import Path
 import torch
 
 from . import arch as arch_module
+from . import carried, weights
 from .model import Denoiser
 
 
@@ -20,8 +21,15 @@ def load(path):
 
 
 def load_model(path):
-    """(model with the averaged weights, the checkpoint's state)."""
+    """(model with a checkpoint's averaged weights, or those of a weights file or of carried ones; the record of its
+    training)."""
+    suffix = Path(path).suffix
+    if suffix == ".safetensors":
+        model, metadata = weights.read(path)
+        return model, metadata["training"]
+    if suffix == ".zip":
+        return carried.read(path), {}
     state = load(path)
     model = Denoiser(arch_module.from_dict(state["architecture"]))
     model.load_state_dict(state["average"])
-    return model.eval(), state
+    return model.eval(), state["record"]

@@ -1,8 +1,9 @@
-"""All crops in the device's memory, and augmented batches made there: nothing on the host, no synchronisation, shapes that stay,
-so that it can stand inside a CUDA graph. What is changed at random is that of data.py, and more (Changes).
+"""All crops in the device's memory, and augmented batches made there: nothing on the host, no synchronisation, shapes
+that stay, so that it can stand inside a CUDA graph. What is changed at random is that of data.py, and more (Changes).
 
-A crop has a reference and several noisy renders, in rows of the store: one for each of LEVELS samples a pixel and, of `hard` crops,
-as many more in which paths find lights by chance alone, so that most pixels are black and a few very bright.
+A crop has a reference and several noisy renders, in rows of the store: one for each of LEVELS samples a pixel and, of
+`hard` crops, as many more in which paths find lights by chance alone, so that most pixels are black and a few very
+bright.
 """
 import itertools
 import math
@@ -15,7 +16,7 @@ from . import preprocess
 from .packs import FEATURES, LEVELS
 
 KEY = preprocess.MIDDLE_GREY  # of exposed radiance
-LARGEST = preprocess.LARGEST_HALF
+LARGEST = 65504.0  # what the store's halves hold
 LN10 = math.log(10)
 # Planes of a stack: colour, albedo, normal, depth, reference.
 CHANNELS = 13
@@ -40,6 +41,9 @@ class Changes:
     hard_exposure: float = 1.5  # jitter there: the key of such a frame is a matter of luck
     grain: float = 0.12  # chance of noisy features
     real: float = 0.35  # share of rendered crops of real scenes where there are procedural ones
+    clean: float = 0.15  # chance to be given the reference, or a mixture of render and reference with little noise
+    clean_bare: float = 0.5  # chance of all features to be missing there
+    clean_below: float = 0.03  # what the render of most samples may be off by there (log rms): references are noisy too
 
 
 class Store:
@@ -49,14 +53,16 @@ class Store:
         self.device, self.parts = torch.device(device), []
 
     def add(self, color, features, reference, depth_scale, hard, known):
-        """color [n, k, 3, H, W], features [n, k, 7, H, W] (albedo, normal, depth, as rendered), reference [n, 3, H, W]; depth_scale
-        [n] or [n, k]; k: LEVELS, and as many more where `hard`. known: [n], whether exposure and depth scale are the frame's."""
+        """color [n, k, 3, H, W], features [n, k, 7, H, W] (albedo, normal, depth, as rendered), reference [n, 3, H,
+        W]; depth_scale [n] or [n, k]; k: LEVELS, and as many more where `hard`. known: [n], whether exposure and depth
+        scale are the frame's."""
         half = lambda t: torch.as_tensor(t).to(self.device, torch.float16).contiguous()
         radiance = lambda t: half(t).nan_to_num_(0.0, LARGEST, 0.0).clamp_(0, LARGEST)
         scale = torch.as_tensor(depth_scale).to(self.device, torch.float32)
         scale = scale[:, None].expand(-1, color.shape[1]) if scale.dim() == 1 else scale
         known = torch.as_tensor(known).to(self.device, torch.bool)
-        self.parts.append((radiance(color), half(features).nan_to_num_(0.0, 0.0, 0.0), radiance(reference), scale, known, hard))
+        features = half(features).nan_to_num_(0.0, 0.0, 0.0)
+        self.parts.append((radiance(color), features, radiance(reference), scale, known, hard))
 
     def finish(self):
         """Real crops must have been added before procedural (`hard`) ones."""
@@ -70,6 +76,10 @@ class Store:
         self.color, self.features, self.reference = joined(0), joined(1), joined(2)
         self.depth_scale, self.known = joined(3), joined(4)
         self.rows = torch.cat(rows)
+        # How far the render of most samples is from the reference, whose own noise falls and rises with it.
+        pairs = zip(self.color[self.rows[:, len(LEVELS) - 1]].split(64), self.reference.split(64))
+        off = lambda a, b: (a.float().log1p() - b.float().log1p()).square().mean((1, 2, 3)).sqrt()
+        self.noise = torch.cat([off(*pair) for pair in pairs])
         self.count, self.side = len(self.reference), self.reference.shape[-1]
         self.real = sum(len(part[2]) for part in self.parts if not part[-1])
         self.parts = []
@@ -77,8 +87,8 @@ class Store:
 
 
 def arrays(views):
-    """Views as `packs.read` gives them -> color [n, k, 3, H, W] exposed by the key of the most samples, features [n, k, 7, H, W],
-    reference [n, 3, H, W], depth_scale [n, k], keys [n, k], known [n]: tensors."""
+    """Views as `packs.read` gives them -> color [n, k, 3, H, W] exposed by the key of the most samples, features [n,
+    k, 7, H, W], reference [n, 3, H, W], depth_scale [n, k], keys [n, k], known [n]: tensors."""
     keys = torch.tensor([about["keys"] for about, _ in views])
     gain = (KEY / keys[:, -1])[:, None, None, None]
     stack = lambda name: torch.stack([torch.from_numpy(planes[name]) for _, planes in views])
@@ -98,8 +108,8 @@ def arrays(views):
 
 
 def repair(color):
-    """Isolated bright pixels of exposed radiance [N, 3, H, W] take the mean of their good neighbours, as `preprocess.repair` has
-    it; bad values were mended when they were stored."""
+    """Isolated bright pixels of exposed radiance [N, 3, H, W] take the mean of their good neighbours, as
+    `preprocess.repair` has it; bad values were mended when they were stored."""
     height, width = color.shape[2:]
     brightest = color.amax(1, keepdim=True)
     padded = F.pad(brightest, (1,) * 4)
@@ -108,7 +118,8 @@ def repair(color):
         value = padded[:, :, y : y + height, x : x + width]
         second = torch.maximum(second, torch.minimum(first, value))
         first = torch.maximum(first, value)
-    bad = (brightest > preprocess.ISOLATED_KEYS * KEY) & (brightest > preprocess.ISOLATED_RATIO * second)
+    keys, ratio = preprocess.MENDED_FIREFLY
+    bad = (brightest > keys * KEY) & (brightest > ratio * second)
     good = (~bad).to(color.dtype)
     around = F.avg_pool2d(torch.cat([color * good, good], 1), 3, 1, 1)
     return torch.where(bad, around[:, :3] / around[:, 3:].clamp_min(1e-6), color)
@@ -123,7 +134,8 @@ def auxiliary(features, depth_scale):
 
 
 class Batches:
-    """batch(): c [N, 3, H, W], aux [N, 7, H, W], log1p of the reference [N, 3, H, W], float32, as data.TrainingSet's samples."""
+    """batch(): c [N, 3, H, W], aux [N, 7, H, W], log1p of the reference [N, 3, H, W] and 1 where a crop is clean, else
+    0 [N], all float32."""
 
     def __init__(self, store, size, changes=Changes()):
         self.store, self.size, self.changes = store, size, changes
@@ -139,6 +151,7 @@ class Batches:
         self.eight = torch.arange(8, device=store.device)[None]
         self.missing = to([0.0, 0, 0, 0.5, 0.5, 0.5, 0]).view(1, 7, 1, 1)
         procedural = store.count - store.real
+        self.quiet = (store.noise < changes.clean_below).nonzero().flatten()
         self.share = changes.real if 0 < store.real < store.count else float(procedural == 0)
 
     def random(self, *shape):
@@ -152,16 +165,20 @@ class Batches:
         return self.random(self.size) < chance
 
     def pick(self):
-        """Colour, features, reference, depth scale, whether the frame is known, whether the noise is extreme."""
+        """Colour, features, reference, depth scale; masks [N]: the frame is known, the noise is extreme, there is
+        hardly any."""
         n, store, changes = self.size, self.store, self.changes
         real = self.chosen(self.share)
+        clean = self.chosen(changes.clean * (len(self.quiet) > 0))
         # No torch.where between numbers: they would be copied to the device, which a graph cannot do.
         count = (real * store.real + ~real * (store.count - store.real)).clamp_min(1)
         crop = (~real * store.real + self.below_of(count, n)).clamp_max(store.count - 1)
+        if len(self.quiet):
+            crop = torch.where(clean, self.quiet[self.below_of(len(self.quiet), n)], crop)
         u = self.random(n)
         one = sum((u > limit).long() for limit in self.below)
         other = self.below_of(len(LEVELS), n)
-        hard = self.chosen(changes.hard)
+        hard = self.chosen(changes.hard) & ~clean
         # A blend weighs by sample counts: noise of levels and patterns that were not rendered.
         counts = self.samples[one], self.samples[other]
         weight = self.random(n) * counts[1] / (counts[0] + counts[1]) * self.chosen(changes.blend)
@@ -172,11 +189,15 @@ class Batches:
         color = torch.lerp(take(store.color, i), take(store.color, j), weight)
         features = torch.lerp(take(store.features, i), take(store.features, j), weight)
         color = torch.where((hard & real)[:, None, None, None], self.thinned(color), color)
-        return color, features, take(store.reference, crop), store.depth_scale[i], store.known[crop], hard
+        reference = take(store.reference, crop)
+        # Of the clean ones half are the reference itself, half keep 1/2 to 1/64 of the noise.
+        noise = torch.exp2(-1 - 5 * self.random(n)) * self.chosen(0.5)
+        color = torch.lerp(color, reference, (clean * (1 - noise))[:, None, None, None])
+        return color, features, reference, store.depth_scale[i], store.known[crop], hard, clean
 
     def thinned(self, color):
-        """Every pixel keeps a part of its radiance and the rest by a chance of 0.3 to 30 %, then as much brighter: right on average,
-        mostly dark, a few very bright."""
+        """Every pixel keeps a part of its radiance and the rest by a chance of 0.3 to 30 %, then as much brighter:
+        right on average, mostly dark, a few very bright."""
         n, side = self.size, self.store.side
         chance = torch.exp(LN10 * (-2.5 + 2 * self.random(n, 1, 1, 1)))
         kept = 0.5 * self.random(n, 1, 1, 1) * (self.random(n, 1, 1, 1) < 0.5)
@@ -184,7 +205,8 @@ class Batches:
         return (color * (kept + (1 - kept) * found)).clamp(max=LARGEST)
 
     def emitters(self, color, reference):
-        """A few rectangles of 2 to 12 pixels shine, in render and reference alike: small lights must not be taken for noise."""
+        """A few rectangles of 2 to 12 pixels shine, in render and reference alike: small lights must not be taken for
+        noise."""
         n, side = self.size, self.store.side
         count = (1 + self.below_of(3, n)) * self.chosen(self.changes.emitters)
         for k in range(3):
@@ -199,10 +221,10 @@ class Batches:
             color, reference = (torch.where(inside[:, None], light, t) for t in (color, reference))
         return color, reference
 
-    def fireflies(self, color):
-        """A few pixels gain a tinted radiance of 10 to 10^4 keys."""
+    def fireflies(self, color, clean):
+        """A few pixels gain a tinted radiance of 10 to 10^4 keys, but in clean crops."""
         n, side = self.size, self.store.side
-        count = (1 + self.below_of(8, n)) * self.chosen(self.changes.fireflies)
+        count = (1 + self.below_of(8, n)) * (self.chosen(self.changes.fireflies) & ~clean)
         at = self.below_of(side * side, n, 8)
         live = (self.eight < count[:, None]).float()[:, None]
         light = KEY * torch.exp(LN10 * (1 + 3 * self.random(n, 1, 8))) * (0.3 + 0.7 * self.random(n, 3, 8)) * live
@@ -220,7 +242,8 @@ class Batches:
         return torch.stack(entries, 1).view(self.size, 3, 3)
 
     def moved(self, stack):
-        """Moved by up to `shift` pixels with a mirrored border, one of 8 turns, red, green and blue swapped: one gather."""
+        """Moved by up to `shift` pixels with a mirrored border, one of 8 turns, red, green and blue swapped: one
+        gather."""
         n, side = self.size, self.store.side
         by = self.below_of(2 * self.changes.shift + 1, n, 2) - self.changes.shift
         flip = self.random(n, 3) < 0.5
@@ -239,7 +262,8 @@ class Batches:
         return stack.reshape(n, -1).gather(1, index).view(n, CHANNELS, side, side)
 
     def grainy(self, aux):
-        """Noisy features, as of depth of field, motion and glass: some pixels read others up to 6 pixels away, some are scaled."""
+        """Noisy features, as of depth of field, motion and glass: some pixels read others up to 6 pixels away, some
+        are scaled."""
         n, side = self.size, self.store.side
         share = self.random(n, 1, 1) * self.chosen(self.changes.grain)[:, None, None]
         reach = 1 + 5 * self.random(n, 1, 1)
@@ -247,24 +271,27 @@ class Batches:
         for line in (self.line[:, None], self.line[None]):
             offset = ((2 * self.random(n, side, side) - 1) * reach).round().long()
             there.append((line + offset).clamp(0, side - 1))
-        there = torch.where(self.random(n, side, side) < share, there[0] * side + there[1], self.line[:, None] * side + self.line)
+        here = self.line[:, None] * side + self.line
+        there = torch.where(self.random(n, side, side) < share, there[0] * side + there[1], here)
         aux = aux.flatten(2).gather(2, there.view(n, 1, -1).expand(n, 7, -1)).view_as(aux)
         dim = 1 - (self.random(n, 1, side, side) < share[:, None] * 0.3) * self.random(n, 1, side, side)
         return torch.cat([aux[:, :3] * dim, aux[:, 3:]], 1)
 
-    def without(self, aux):
-        """Each feature is missing in a tenth of the crops, all together in another tenth."""
+    def without(self, aux, clean):
+        """Each feature is missing in a tenth of the crops, all together in another tenth, and in half of the clean
+        ones."""
         n = self.size
-        gone = (self.random(n, 3) < self.changes.drop_one) | self.chosen(self.changes.drop_all)[:, None]
+        bare = self.chosen(self.changes.drop_all) | (clean & self.chosen(self.changes.clean_bare))
+        gone = (self.random(n, 3) < self.changes.drop_one) | bare[:, None]
         gone = torch.cat([gone[:, :1].expand(n, 3), gone[:, 1:2].expand(n, 3), gone[:, 2:]], 1)[:, :, None, None]
         return torch.where(gone, self.missing, aux)
 
     @torch.no_grad()
     def batch(self):
         n, changes = self.size, self.changes
-        color, features, reference, depth_scale, known, hard = self.pick()
+        color, features, reference, depth_scale, known, hard, clean = self.pick()
         color, reference = self.emitters(color, reference)
-        color = repair(self.fireflies(color))
+        color = repair(self.fireflies(color, clean))
         normal = torch.bmm(self.rotations(), features[:, 3:6].flatten(2)).view(n, 3, *color.shape[2:])
         stack = self.moved(torch.cat([color, features[:, :3], normal, features[:, 6:], reference], 1))
         normal_deviation = lambda: torch.randn(n, device=color.device)
@@ -274,6 +301,6 @@ class Batches:
         gain = torch.exp2(normal_deviation() * jitter)[:, None, None, None]
         # A frame's farthest depth is at least that of any of its crops.
         farther = torch.exp2(normal_deviation().abs() * either(known, changes.depth, changes.depth_crop))
-        aux = self.without(self.grainy(auxiliary(stack[:, 3:10], depth_scale * farther)))
-        exposed = lambda t: torch.log1p((t * gain).clamp(0, LARGEST))
-        return exposed(stack[:, :3]), aux, exposed(stack[:, 10:])
+        aux = self.without(self.grainy(auxiliary(stack[:, 3:10], depth_scale * farther)), clean)
+        exposed = lambda t: torch.log1p((t * gain).clamp(0, preprocess.RANGE))
+        return exposed(stack[:, :3]), aux, exposed(stack[:, 10:]), clean.float()

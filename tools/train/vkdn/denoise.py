@@ -1,9 +1,19 @@
 """One whole frame through a model: pre-processing, network, post-processing."""
+import numpy as np
 import torch
 
 from . import preprocess
-from .data import FEATURE_NAMES, prepare
 from .model import predict
+
+FEATURE_NAMES = ("albedo", "normal", "depth")
+
+
+def prepare(planes, stats):
+    """Network inputs of one frame: c [3, H, W], aux [7, H, W]."""
+    color = planes["color"]
+    c = preprocess.log_color(color, stats.exposure, stats.key)
+    aux = preprocess.auxiliary(color.shape[:2], *(planes.get(n) for n in FEATURE_NAMES), stats.depth_scale)
+    return [torch.from_numpy(np.ascontiguousarray(m.transpose(2, 0, 1), np.float32)) for m in (c, aux)]
 
 
 @torch.inference_mode()

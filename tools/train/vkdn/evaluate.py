@@ -9,9 +9,8 @@ from pathlib import Path
 
 import numpy as np
 
-from . import checkpoint, metrics, weights
-from .data import FEATURE_NAMES
-from .denoise import denoise
+from . import checkpoint, metrics
+from .denoise import FEATURE_NAMES, denoise
 from .images import find_views, read_planes, sample_files
 
 
@@ -28,10 +27,6 @@ def write_png(path, color):
     Path(path).write_bytes(
         b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", zlib.compress(rows)) + chunk(b"IEND", b"")
     )
-
-
-def load(path):
-    return weights.read(path)[0] if str(path).endswith(".safetensors") else checkpoint.load_model(path)[0]
 
 
 def measure(model, view, features, png):
@@ -56,7 +51,7 @@ def main():
     args = p.parse_args()
     if args.png:
         args.png.mkdir(parents=True, exist_ok=True)
-    model = load(args.weights)
+    model, _ = checkpoint.load_model(args.weights)
     rows = {}
     print("| view | spp | PSNR noisy | PSNR | SSIM noisy | SSIM | relMSE noisy | relMSE | detail noisy | detail |\n" + "|---" * 10 + "|")
 

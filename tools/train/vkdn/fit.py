@@ -1,32 +1,43 @@
-"""One network's training on crops in device memory: batch, forward, backward, optimizers and average as one step without
-synchronisation, captured as a CUDA graph where there is CUDA. The schedule goes by time."""
+"""One network's training on crops in the device's memory: batch, forward, backward, optimizers and average as one step.
+
+On a GPU nothing in it waits for the host, so that it can be captured as one graph; on a CPU threads take shares of a
+batch.
+"""
 import copy
-import math
-import time
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 
 import torch
 
+from . import cuda
 from .blocks import FilmCnn
 from .crops import Batches, Changes
 from .flat import Layout, Optimizer
-from .losses import balanced, relative_l2
+from .locality import far_moves
+from .losses import balanced, energy, relative_l2
 from .model import Denoiser
 
 
 @dataclass
 class Options:
+    """What a step depends on but for its rate; `vkdn.train --help` says what each is."""
+
     batch: int = 32
-    rate: float = 1e-3  # peak; a cosine over the time leads to `floor`
-    floor: float = 1e-6
-    warm_up: int = 100  # steps
-    head_gain: float = 2.0  # of the head's rate over the rest's
+    beta2: float = 0.99
+    clip: float = 1.0
+    head_gain: float = 2.0
     average_decay: float = 0.998
-    delta: float = 0.5  # see losses.py
+    delta: float = 0.5
     bright: float = 1.0
     knee: float = 0.002
+    energy: float = 2.0
+    clean_weight: float = 4.0
+    locality: float = 0.0
     film_jitter: float = 0.3
     precision: torch.dtype = torch.bfloat16
+    parallel: int = 1
+    share: int | None = None
+    threads: int | None = None
     changes: Changes = field(default_factory=Changes)
 
 
@@ -45,17 +56,19 @@ class Fit:
         self.working = zeros(options.precision) if low else self.weights
         self.network = self.network_of(model, self.working, self.weights).train()
         self.average = self.network_of(model, self.averaged, self.averaged).eval().requires_grad_(False)
+        # What a pixel moves far away is smaller than the roundings of bfloat16.
+        self.exact = self.network_of(model, self.weights, self.weights).eval() if options.locality else None
         for module in self.network.modules():
             if isinstance(module, FilmCnn):
                 module.mean_jitter = options.film_jitter
-        table = dict(self.network.named_parameters())
-        self.parameters = [table[name] for name in layout.names]
+        self.parameters = self.in_order(self.network) + (self.in_order(self.exact) if self.exact else [])
         self.gradients = layout.views(self.gradient)
         gains = layout.vector(lambda name: options.head_gain if name.startswith("head.") else 1)
-        self.optimizer = Optimizer(layout, self.weights, self.gradient, gains)
+        self.optimizer = Optimizer(layout, self.weights, self.gradient, gains, options.beta2, options.clip)
         self.batches = Batches(store, options.batch, options.changes)
         self.inputs = self.batches.batch()
-        self.beside = torch.cuda.Stream() if self.device.type == "cuda" else None
+        self.ahead = cuda.Ahead(self.device)
+        self.pool = self.threads()
         self.keep = torch.zeros((), device=self.device)
         self.sums = torch.zeros(4, device=self.device)  # loss, error, gradient norm, steps
         self.means = [0.0, 0.0, 0.0]
@@ -69,91 +82,92 @@ class Fit:
             table[name].data = wide if name.endswith("bias_table") else piece
         return network
 
-    def next_batch(self):
-        """The next step's inputs, made on a stream of its own while this step computes."""
-        if self.beside is None:
-            return self.batches.batch()
-        self.beside.wait_stream(torch.cuda.current_stream())
-        with torch.cuda.stream(self.beside):
-            return self.batches.batch()
+    def in_order(self, network):
+        """Its parameters as the flat weights have them."""
+        table = dict(network.named_parameters())
+        return [table[name] for name in self.layout.names]
 
-    def take(self, following):
-        if self.beside is not None:
-            torch.cuda.current_stream().wait_stream(self.beside)
-        for ours, new in zip(self.inputs, following):
-            ours.copy_(new)
+    def threads(self):
+        o = self.options
+        if self.device.type != "cpu" or not o.share or o.share >= o.batch:
+            return None
+        start = (lambda: torch.set_num_threads(o.threads)) if o.threads else None
+        return ThreadPoolExecutor(o.parallel, initializer=start)
+
+    def gradients_of(self, share):
+        """Loss, error and gradients of a part of a batch, each weighted by its size; None where nothing asks for a
+        parameter."""
+        c, aux, target, clean = share
+        o = self.options
+        prediction = self.network(c, aux)
+        errors = relative_l2(prediction, target, o.delta, o.bright)
+        both = errors + o.energy * energy(prediction, target) if o.energy else errors
+        loss = balanced(both * (1 + (o.clean_weight - 1) * clean), o.knee)
+        if self.exact:
+            loss = loss + o.locality * far_moves(self.exact, c[:1], aux[:1])
+        weight = len(c) / o.batch
+        gradients = torch.autograd.grad(loss * weight, self.parameters, allow_unused=True)
+        return loss.detach() * weight, errors.detach().mean() * weight, gradients
+
+    def gradients_of_batch(self):
+        """On a CPU each thread takes a share when it is free. Where others use the cores too, this loses far less than
+        parallel loops inside every operation, which wait for the slowest core a thousand times a step."""
+        if self.pool is None:
+            return self.gradients_of(self.inputs)
+        shares = zip(*(t.split(self.options.share) for t in self.inputs))
+        losses, errors, gradients = zip(*self.pool.map(self.gradients_of, shares))
+        return sum(losses), sum(errors), [total(parts) for parts in zip(*gradients)]
 
     def step(self):
-        options = self.options
         if self.working is not self.weights:
             self.working.copy_(self.weights)
-        following = self.next_batch()
-        c, aux, target = self.inputs
-        errors = relative_l2(self.network(c, aux), target, options.delta, options.bright)
-        loss = balanced(errors, options.knee)
-        gradients = torch.autograd.grad(loss, self.parameters, allow_unused=True)
+        following = self.ahead.run(self.batches.batch)
+        loss, error, gradients = self.gradients_of_batch()
         with torch.no_grad():
             # A head without gate leaves the gate's and the residual's own weights without gradient or with zeros.
-            pairs = [(ours, g) for ours, g in zip(self.gradients, gradients) if g is not None]
+            count = len(self.gradients)
+            pairs = [(ours, g) for ours, g in zip(self.gradients, gradients[:count]) if g is not None]
             torch._foreach_copy_([ours for ours, _ in pairs], [g for _, g in pairs])
+            for ours, g in zip(self.gradients, gradients[count:]):
+                if g is not None:
+                    ours.add_(g)
             norm = self.optimizer.step()
             self.averaged.lerp_(self.weights, 1 - self.keep)
-            self.take(following)
-            self.sums.add_(torch.stack([loss.detach(), errors.detach().mean(), norm, torch.ones_like(norm)]))
+            self.ahead.join()
+            for ours, new in zip(self.inputs, following):
+                ours.copy_(new)
+            self.sums.add_(torch.stack([loss, error, norm, torch.ones_like(norm)]))
 
     def capture(self):
-        """Warms up with a rate of 0 and captures the step; the weights stay. -> whether there is a graph now"""
+        """Captures the step at a rate of 0: the weights stay. -> whether there is a graph now"""
         self.optimizer.rate.fill_(0.0)
         self.keep.fill_(1.0)
-        side = torch.cuda.Stream()
-        side.wait_stream(torch.cuda.current_stream())
-        with torch.cuda.stream(side):
-            for _ in range(3):
-                self.step()
-        torch.cuda.current_stream().wait_stream(side)
-        torch.cuda.synchronize()
-        graph = torch.cuda.CUDAGraph()
-        try:
-            with torch.cuda.graph(graph):
-                self.step()
-            graph.replay()
-            torch.cuda.synchronize()
-            self.graph = graph
-        except RuntimeError as error:
-            print("no graph:", repr(error)[:2000], flush=True)
-            torch.cuda.synchronize()
+        self.graph = cuda.capture(self.step)
         for t in [*self.optimizer.state(), self.sums]:
             t.zero_()
         return self.graph is not None
 
-    def rate(self, progress):
-        o = self.options
-        cosine = o.floor + (o.rate - o.floor) * 0.5 * (1 + math.cos(math.pi * min(progress, 1.0)))
-        return cosine * min(1.0, (self.steps + 1) / o.warm_up)
-
-    def run(self, seconds, every, report, most_steps=math.inf):
-        """Steps for `seconds`, or `most_steps`; report(facts) about every `every` seconds and at the end."""
-        start = reported = time.time()
-        events = [torch.cuda.Event() for _ in range(4)] if self.device.type == "cuda" else []
-        reporting = 0.0
-        while (progress := max((time.time() - start) / seconds, self.steps / most_steps)) < 1:
-            self.optimizer.rate.fill_(self.rate(progress))
+    def run(self, schedule, every, report, stopped=lambda: False):
+        """Steps to the schedule's end or until `stopped()`; report(facts) about every `every` seconds and at the
+        end."""
+        pace = cuda.Pace(self.device)
+        first, began = self.steps, schedule.seconds()
+        reported, reporting = began, 0.0
+        while schedule.progress(self.steps) < 1 and not stopped():
+            self.optimizer.rate.fill_(schedule.rate(self.steps))
             self.keep.fill_(min(self.options.average_decay, (1 + self.steps) / (10 + self.steps)))
             self.graph.replay() if self.graph else self.step()
             self.steps += 1
-            if events:
-                # The host runs three steps ahead at most, or time would be up long before the work is.
-                events[self.steps % 4].record()
-                if self.steps >= 4:
-                    events[(self.steps + 1) % 4].synchronize()
-            if time.time() - reported > every:
-                before = time.time()
-                report(self.facts(before - start - reporting, progress))
-                reported = time.time()
+            pace.stepped(self.steps - first)
+            if schedule.seconds() - reported > every:
+                before = schedule.seconds()
+                report(self.facts(schedule, (self.steps - first) / max(before - began - reporting, 1e-3)))
+                reported = schedule.seconds()
                 reporting += reported - before
-        report(self.facts(time.time() - start - reporting, 1.0) | {"final": True})
+        spent = schedule.seconds() - began - reporting
+        report(self.facts(schedule, (self.steps - first) / max(spent, 1e-3)))
 
-    def facts(self, seconds, progress):
+    def facts(self, schedule, speed):
         """What happened since the last call; waits for the device."""
         *sums, count = self.sums.tolist()
         self.sums.zero_()
@@ -162,12 +176,12 @@ class Fit:
         loss, error, norm = self.means
         return {
             "step": self.steps,
-            "seconds": round(seconds, 1),
-            "steps_per_s": round(self.steps / max(seconds, 1e-3), 2),
+            "seconds": round(schedule.seconds(), 1),
+            "steps_per_s": round(speed, 2),
             "loss": round(loss, 6),
             "error": round(error, 6),
             "gradient": round(norm, 4),
-            "rate": self.rate(progress),
+            "rate": schedule.rate(self.steps),
         }
 
     def averaged_model(self):
@@ -175,3 +189,25 @@ class Fit:
         model = Denoiser(self.average.arch)
         model.load_state_dict({name: t.cpu() for name, t in self.average.state_dict().items()})
         return model.eval()
+
+    def state(self):
+        """What going on needs beside the averaged weights, on the CPU."""
+        copied = lambda t: t.detach().to("cpu", copy=True)
+        optimizer = [copied(t) for t in self.optimizer.state()]
+        weights = copied(self.weights)
+        return {"names": self.layout.names, "weights": weights, "optimizer": optimizer, "steps": self.steps}
+
+    def restore(self, state, average):
+        """`state()` of an earlier run and its averaged weights {name: tensor}; a graph stays good."""
+        if state["names"] != self.layout.names:
+            raise ValueError("the checkpoint is of another architecture")
+        self.weights.copy_(state["weights"])
+        for ours, theirs in zip(self.optimizer.state(), state["optimizer"], strict=True):
+            ours.copy_(theirs)
+        self.average.load_state_dict(average)
+        self.steps = state["steps"]
+
+
+def total(parts):
+    """The sum, in float32, of one parameter's gradients by several threads."""
+    return None if parts[0] is None else sum(part.float() for part in parts)

@@ -3,9 +3,9 @@
     python -m vkdn.golden shipped FRAME.exr OUT WEIGHTS ...    the shipped weights on two crops of a real frame
     python -m vkdn.golden random FRAME.exr OUT [--arch N] [--head H] [--crop C]   hash weights (see hashweights.py)
 
-Weights are the float16 ones, the arithmetic is float64, results are float32. A crop counts as a whole frame: exposure and
-depth scale are its own and stand in the metadata as decimal strings. Tensors, per case prefix ("square." or "odd.", for random
-weights none):
+Weights are the float16 ones, the arithmetic is float64, results are float32. A crop counts as a whole frame: exposure
+and depth scale are its own and stand in the metadata as decimal strings. Tensors, per case prefix ("square." or
+"odd.", for random weights none):
 
     color, albedo, normal [H, W, 3] f16, depth [H, W] f16    the planes, as a renderer writes them
     log_color [H, W, 3] f32                                  network input c
@@ -20,7 +20,7 @@ from safetensors.torch import save_file
 
 from . import hashweights, preprocess, weights
 from .arch import ARCHITECTURES, HEADS, with_head
-from .data import prepare
+from .denoise import prepare
 from .images import read_planes
 from .model import Denoiser, pad, predict
 

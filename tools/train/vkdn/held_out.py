@@ -1,4 +1,5 @@
-"""Held-out views in the device's memory, and PSNR of a network on them, as train.validate measures it."""
+"""Held-out views in the device's memory, and what a network makes of them: as `evaluate` and tools/measure/neutral.py
+measure it."""
 import torch
 
 from . import preprocess
@@ -18,8 +19,8 @@ def psnr(image, reference):
 
 
 class HeldOut:
-    """views: as packs.read gives them. Besides the levels there is "hard": four samples a pixel of which three in a hundred
-    pixels hold all light, right on average; such a frame's exposure is its own."""
+    """views: as views.read gives them, of one size. Besides the levels there is "hard": four samples a pixel of which
+    three in a hundred pixels hold all light, right on average; such a frame's exposure is its own."""
 
     def __init__(self, views, device):
         planes = arrays(views)
@@ -41,22 +42,59 @@ class HeldOut:
         self.exposure = to(KEY / keys[:, len(LEVELS) - 1])
         self.reference = to(planes["reference"].float())
 
+    def parts(self, at_once):
+        """Slices of the views; the reference of each as rendered, and the factor that exposes it as the store has
+        it."""
+        for first in range(0, len(self.names), at_once):
+            rows = slice(first, first + at_once)
+            exposure = wide(self.exposure[rows])
+            yield rows, self.reference[rows] / exposure, exposure
+
     @torch.no_grad()
     def measure(self, network, at_once=6):
-        """{level: (PSNR of the input, of the output)}, means over the views."""
-        wide = lambda t: t[:, None, None, None]
-        results = {}
+        """{"psnr": {level: (of the input, of the output)}, "energy": {level: by what share of the input's the output's
+        mean is off, as a mean of sizes}, "clean": the reference given at exposure 1 without features: {"change": root
+        mean square of the change, of the mean, "psnr": to itself}}; means over the views."""
+        figures = {"psnr": {}, "energy": {}}
         for level, name in enumerate([*map(str, LEVELS), HARD]):
-            before, after = [], []
-            for first in range(0, len(self.names), at_once):
-                rows = slice(first, first + at_once)
-                gain, exposure = wide(self.gain[rows, level]), wide(self.exposure[rows])
-                color = self.color[rows, level]
-                c = torch.log1p((repair(color * gain)).clamp(0, LARGEST))
+            before, after, off = [], [], []
+            for rows, reference, exposure in self.parts(at_once):
+                gain, color = wide(self.gain[rows, level]), self.color[rows, level]
                 aux = auxiliary(self.features[rows, level], self.depth_scale[rows, level])
-                output = torch.expm1(network(c, aux).float()).clamp_min(0) / (gain * exposure)
-                reference = self.reference[rows] / exposure
-                before.append(psnr(color / exposure, reference))
+                output = denoised(network, color * gain, aux) / (gain * exposure)
+                color = color / exposure
+                before.append(psnr(color, reference))
                 after.append(psnr(output, reference))
-            results[name] = tuple(round(torch.cat(t).mean().item(), 3) for t in (before, after))
-        return results
+                off.append((output.mean((1, 2, 3)) / color.mean((1, 2, 3)) - 1).abs())
+            figures["psnr"][name] = tuple(mean(t, 3) for t in (before, after))
+            figures["energy"][name] = mean(off, 5)
+        return figures | {"clean": self.clean(network, at_once)}
+
+    def clean(self, network, at_once):
+        changes, itself = [], []
+        for _, reference, _ in self.parts(at_once):
+            count = len(reference)
+            missing = auxiliary(torch.zeros_like(self.features[:count, 0]), self.depth_scale[:count, 0])
+            output = denoised(network, reference, missing)
+            changes.append((output - reference).square().mean((1, 2, 3)).sqrt() / reference.mean((1, 2, 3)))
+            itself.append(psnr(output, reference))
+        return {"change": mean(changes, 5), "psnr": mean(itself, 2)}
+
+
+def wide(t):
+    return t[:, None, None, None]
+
+
+def mean(parts, digits):
+    return round(torch.cat(parts).mean().item(), digits)
+
+
+def denoised(network, color, aux):
+    """Exposed radiance [N, 3, H, W] -> denoised."""
+    c = torch.log1p(repair(color).clamp(0, preprocess.RANGE))
+    return torch.expm1(network(c, aux).float()).clamp_min(0)
+
+
+def score(figures):
+    """What the best checkpoint is chosen by: the mean PSNR over the numbers of samples."""
+    return sum(after for name, (_, after) in figures["psnr"].items() if name != HARD) / len(LEVELS)

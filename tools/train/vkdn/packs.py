@@ -1,8 +1,9 @@
 """Rendered pairs in few bytes, for a machine that trains: python -m vkdn.packs --data PAIRS --out pairs.zip
 
-A pack is a zip of LZMA entries: views.json, a list of what is known of each view, and "<number>/<plane>" for each of its planes.
-Of the halves that a renderer wrote, noisy radiance keeps NOISY bits of mantissa (its own noise is far larger), references and held-
-out radiance more; albedo and normals become bytes. Reading needs numpy and the standard library only.
+A pack is a zip of LZMA entries: views.json, a list of what is known of each view (views.py), and "<number>/<plane>"
+for each of its planes. Of the halves that a renderer wrote, noisy radiance keeps NOISY bits of mantissa (its own noise
+is far larger), references and held- out radiance more; albedo and normals become bytes. Reading needs numpy and the
+standard library only.
 """
 import argparse
 import json
@@ -77,36 +78,12 @@ def decode(name, data, shape, held):
     return (np.frombuffer(data, kind).reshape(shape) / np.float32(most)).astype(np.float16)
 
 
-def packed(path, held_scenes):
-    """(what is known of a view, {plane: its bytes}); planes are [C, H, W], depth [H, W]."""
-    from . import preprocess
-    from .data import load_view
-
-    view = load_view(path)
-    held = view.scene in held_scenes
-    planes, keys, depth_scales = {"reference": view.reference.transpose(2, 0, 1)}, [], []
-    for spp in LEVELS:
-        noisy = view.noisy[spp]
-        wide = {n: noisy[n].astype(np.float32) for n in ("color", "depth")}
-        stats = view.frame or preprocess.statistics(wide["color"], wide["depth"])
-        keys.append(stats.key)
-        depth_scales.append(stats.depth_scale)
-        planes[f"color{spp}"] = noisy["color"].transpose(2, 0, 1)
-        planes |= {f"{n}{spp}": noisy[n].transpose(2, 0, 1) if noisy[n].ndim == 3 else noisy[n] for n in FEATURES}
-    about = {
-        "scene": view.scene,
-        "name": view.name,
-        "held": held,
-        "frame": view.frame is not None,
-        "keys": keys,
-        "depth_scales": depth_scales,
-        "side": view.reference.shape[0],
-    }
-    return about, {name: encode(name, plane, held) for name, plane in planes.items()}
-
-
 def pack_one(job):
-    return packed(*job)
+    """(path, held-out scenes) -> (what is known of a view, {plane: its bytes})."""
+    from . import views
+
+    about, planes = views.one_view(*job)
+    return about, {name: encode(name, plane, about["held"]) for name, plane in planes.items()}
 
 
 def write(out, views):
@@ -117,12 +94,10 @@ def write(out, views):
                 file.writestr(f"{i}/{name}", data)
 
 
-def read(path, workers=16, limit=None):
-    """[(what is known of a view, {plane: halves})]; `limit`: this many views of each kind, for a trial."""
+def read(path, workers=16):
+    """[(what is known of a view, {plane: halves})], as views.py has it."""
     with zipfile.ZipFile(path) as file:
         known = list(enumerate(json.loads(file.read("views.json"))))
-        if limit:
-            known = [v for held in (False, True) for v in [v for v in known if v[1]["held"] == held][:limit]]
 
     def one(job):
         i, about = job
@@ -138,20 +113,25 @@ def read(path, workers=16, limit=None):
         return list(pool.map(one, known))
 
 
-def main():
+def pack(data, out, held_scenes, workers=2):
+    """The views of a folder of pairs as a pack."""
     from .images import find_views
 
+    with ProcessPoolExecutor(workers) as pool:
+        views = list(pool.map(pack_one, [(path, held_scenes) for path in find_views(data)], chunksize=4))
+    write(out, views)
+    return len(views)
+
+
+def main():
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     p.add_argument("--data", required=True, help="<scene>/<view>/ directories of pairs with 1, 4 and 32 samples")
     p.add_argument("--out", required=True, type=Path)
     p.add_argument("--hold-out", default="car2,classroom", help="scenes for validation, comma separated")
     p.add_argument("--workers", type=int, default=2)
     args = p.parse_args()
-    held = set(filter(None, args.hold_out.split(",")))
-    with ProcessPoolExecutor(args.workers) as pool:
-        views = list(pool.map(pack_one, [(path, held) for path in find_views(args.data)], chunksize=4))
-    write(args.out, views)
-    print(f"{args.out}: {len(views)} views, {args.out.stat().st_size / 1e6:.2f} MB")
+    count = pack(args.data, args.out, set(filter(None, args.hold_out.split(","))), args.workers)
+    print(f"{args.out}: {count} views, {args.out.stat().st_size / 1e6:.2f} MB")
 
 
 if __name__ == "__main__":

@@ -1,8 +1,18 @@
-"""Procedural crops by the path tracer that lies beside the data (its folder is given; see README): noisy renders, features and
-references of random scenes, as `crops.Store.add` takes them.
+"""Procedural crops by a path tracer (its folder is given; see README): noisy renders, features and references of
+random scenes.
+
+    python -m vkdn.procedural --tracer DIR --out CROPS --seconds 100     # or --crops 500
+
+Goes on in a folder that has some: with another --seed, or they would be the same. Writes files of crops as
+`crops.Store.add` takes them; a training may wait for the last (`finished`).
 """
+import argparse
+import math
+import os
 import sys
 import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import torch
 
@@ -12,6 +22,8 @@ REFERENCE_SAMPLES = 256
 NOISIEST_REFERENCE = 0.25  # log rms
 DARKEST = 1e-3
 CANDIDATES = 3.2  # random views for one worth rendering
+SECONDS_A_FILE = 6.0
+COMPLETE = "complete"
 AHEAD = 3.0  # seconds of rendering at once: many crops fill a GPU to the end better than few
 
 
@@ -23,7 +35,8 @@ def tracer(folder, device):
 
 
 class Generator:
-    """crops(n): {color [n, 6, 3, H, W], features [n, 6, 7, H, W], reference [n, 3, H, W], depth_scale [n]}, halves, radiance exposed.
+    """crops(n): {color [n, 6, 3, H, W], features [n, 6, 7, H, W], reference [n, 3, H, W], depth_scale [n]}, halves,
+    radiance exposed.
 
     The first three renders sample the lights, the others find them by chance alone: extreme noise with the same mean.
     """
@@ -51,7 +64,8 @@ class Generator:
 
     def render(self, scenes, exposure, depth_scale):
         """One launch for renders and the halves of the reference, one for renders without light sampling."""
-        usual = self.tracer.render(scenes, [*LEVELS, self.half_samples, self.half_samples], exposure, net_from=len(LEVELS))
+        samples = [*LEVELS, self.half_samples, self.half_samples]
+        usual = self.tracer.render(scenes, samples, exposure, net_from=len(LEVELS))
         hard = self.tracer.render(scenes, list(LEVELS), exposure, salt=5, nee=0)
         noisy = torch.cat([usual[:, : len(LEVELS)], hard], 1)
         one, other = usual[:, len(LEVELS), :3], usual[:, len(LEVELS) + 1, :3]
@@ -82,3 +96,65 @@ class Generator:
             n -= count
         joined = {name: torch.cat([part[name] for part in parts]) for name in parts[0]}
         return joined, torch.cat(errors)
+
+
+def save(crops, path):
+    torch.save(crops, path.with_suffix(".part"))
+    os.replace(path.with_suffix(".part"), path)
+
+
+def write(generator, folder, deadline, most, at_once):
+    """Files of some seconds' crops, and none that takes longer than what is left. -> how many crops"""
+    count, file, total, begin = at_once, len(list(folder.glob("crops*.pt"))), 0, time.time()
+    pending = []
+    with ThreadPoolExecutor(1) as saver:
+        while time.time() < deadline and total < most:
+            start = time.time()
+            crops, errors = generator.crops(min(count, most - total) if most < math.inf else count)
+            total += len(errors)
+            crops = {name: t.cpu() for name, t in crops.items()}
+            pending.append(saver.submit(save, crops, folder / f"crops{file:04}.pt"))
+            file += 1
+            now = time.time()
+            spent, left = max(now - start, 1e-3), max(deadline - now, 0.1)
+            count = int(max(1, min(256, count * min(4.0, SECONDS_A_FILE / spent, 0.9 * left / spent))))
+            print(f"{total} crops after {now - begin:.1f} s, median log error {errors.median():.4f}", flush=True)
+        for one in pending:
+            one.result()
+    return total
+
+
+def finished(folder, poll=0.1):
+    """Yields every file's crops of a folder once it says that no more come."""
+    folder = Path(folder)
+    while not (folder / COMPLETE).exists():
+        time.sleep(poll)
+    for path in sorted(folder.glob("crops*.pt")):
+        yield torch.load(path, map_location="cpu", weights_only=True)
+
+
+def main():
+    p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    p.add_argument("--tracer", required=True, help="folder of pathtrace.py and its kernels")
+    p.add_argument("--out", required=True, type=Path)
+    p.add_argument("--seconds", type=float, default=math.inf)
+    p.add_argument("--crops", type=float, default=math.inf, help="at most so many")
+    p.add_argument("--reference-samples", type=int, default=REFERENCE_SAMPLES)
+    p.add_argument("--seed", type=int, default=1)
+    args = p.parse_args()
+    if args.seconds == args.crops == math.inf:
+        p.error("--seconds or --crops is needed")
+    deadline = time.time() + args.seconds
+    args.out.mkdir(parents=True, exist_ok=True)
+    (args.out / COMPLETE).unlink(missing_ok=True)
+    device = "cuda" if torch.cuda.is_available() else "cpu"
+    try:
+        generator = Generator(args.tracer, device, args.seed, args.reference_samples)
+        write(generator, args.out, deadline, args.crops, 16 if device == "cuda" else 1)
+    finally:
+        # Whatever happened: who waits for crops goes on with those that are there.
+        (args.out / COMPLETE).touch()
+
+
+if __name__ == "__main__":
+    main()

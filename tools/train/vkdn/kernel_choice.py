@@ -3,9 +3,8 @@ import time
 
 import torch
 
-from .. import averages, depthwise, head
-from ..blocks import depthwise_nhwc
-from .common import say
+from . import averages, depthwise, head
+from .blocks import depthwise_nhwc
 
 # (side, channels) of a batch's maps, (side, taps) of its means.
 MAPS = ((128, 32), (64, 128), (32, 256), (16, 512), (8, 1024))
@@ -31,7 +30,8 @@ def average_case(batch, side, taps, device):
 
 
 def seconds_of(case, batch, side, size, device):
-    """Time of one forward and backward, in a graph: what launching costs does not count. Raises where the result is wrong."""
+    """Time of one forward and backward, in a graph: what launching costs does not count. Raises where the result is
+    wrong."""
     operation, inputs, exact = case(batch, side, size, device)
     wide = [t.detach().float().requires_grad_() for t in inputs]
     y = exact(*wide)
@@ -64,22 +64,24 @@ def seconds_of(case, batch, side, size, device):
     return (time.time() - start) / 12
 
 
-def choose(run, device, batch):
+def choose(device, batch, log):
+    """Lets the faster of both do each operation where there is CUDA; log(event=..., ...) hears of it. Compiling takes
+    a while."""
     if device.type != "cuda":
         return
-    for name, module, case, sizes in (("depthwise", depthwise, depthwise_case, MAPS), ("means", averages, average_case, MEANS)):
-        times, begin = {}, time.time()
+    operations = ("depthwise", depthwise, depthwise_case, MAPS), ("means", averages, average_case, MEANS)
+    for name, module, case, sizes in operations:
+        times, failed, begin = {}, {}, time.time()
         for yes in (False, True):
             module.use(yes)
             try:
                 times[yes] = 0.0
                 for size in sizes:
                     times[yes] += seconds_of(case, batch, *size, device)
-                    run.beat.touch()
             except Exception as error:  # whatever Triton cannot do here, PyTorch can
                 del times[yes]
-                say(name, "in Triton" if yes else "in PyTorch", "failed:", repr(error)[:300])
+                failed["triton" if yes else "pytorch"] = repr(error)[:300]
         module.use(min(times, key=times.get, default=False))
         milliseconds = {"triton" if yes else "pytorch": round(t * 1e3, 3) for yes, t in times.items()}
-        say(f"{name}: {milliseconds} ms, {'Triton' if module.in_use() else 'PyTorch'}, found in {time.time() - begin:.1f} s")
-        run.log(event="kernels", name=name, milliseconds=milliseconds, triton=module.in_use())
+        spent = round(time.time() - begin, 1)
+        log(event="kernels", name=name, milliseconds=milliseconds, failed=failed, triton=module.in_use(), seconds=spent)
