@@ -10,6 +10,9 @@ mod kernels {
     pub mod contracts;
 }
 #[cfg(feature = "shaderc")]
+#[path = "build/cached.rs"]
+mod cached;
+#[cfg(feature = "shaderc")]
 #[path = "build/compile.rs"]
 mod compile;
 #[cfg(feature = "shaderc")]
@@ -35,7 +38,8 @@ fn build() -> Result<(), String> {
     for path in sources::PATHS {
         println!("cargo::rerun-if-changed={path}");
     }
-    let out = PathBuf::from(env::var_os("OUT_DIR").ok_or("OUT_DIR is not set")?).join("shaders");
+    let folder = PathBuf::from(env::var_os("OUT_DIR").ok_or("OUT_DIR is not set")?);
+    let out = folder.join("shaders");
     // Nothing of an earlier build stays.
     match fs::remove_dir_all(&out) {
         Err(error) if error.kind() != std::io::ErrorKind::NotFound => {
@@ -46,7 +50,11 @@ fn build() -> Result<(), String> {
     fs::create_dir_all(&out).map_err(|e| format!("{}: {e}", out.display()))?;
     let hash = sources::hash()?;
     #[cfg(feature = "shaderc")]
-    compile::compile(&out)?;
+    {
+        let mut compiled = cached::Compiled::in_folder(folder.join("compiled"))?;
+        compile::compile(&out, &mut compiled)?;
+        compiled.forget_others();
+    }
     #[cfg(not(feature = "shaderc"))]
     stored::copy(Path::new(stored::FOLDER), hash, &out)?;
     write(&out.join(sources::STAMP), &format!("{hash:016x}\n"))

@@ -1,6 +1,7 @@
 //! Compiles every kernel variant of `src/kernels/contracts.rs` with shaderc, and reads off it what the host needs to
 //! know.
 
+use crate::cached::{Compiled, with_includes};
 use crate::kernels::contract::{Contract, Module, Sharing};
 use crate::kernels::contracts;
 use crate::reflect::Interface;
@@ -16,7 +17,7 @@ use std::path::Path;
 ///
 /// # Errors
 /// A shader that does not compile, or whose interface the host cannot meet; a file that cannot be written.
-pub fn compile(out: &Path) -> Result<(), String> {
+pub fn compile(out: &Path, compiled: &mut Compiled) -> Result<(), String> {
     let compiler = shaderc::Compiler::new().map_err(|e| format!("no shader compiler: {e}"))?;
     let mut modules = String::from("static MODULES: &[(&str, &[u32])] = &[\n");
     let mut interfaces = String::from("static INTERFACES: &[Interface] = &[\n");
@@ -26,14 +27,14 @@ pub fn compile(out: &Path) -> Result<(), String> {
         let mut forms = Sharing::ALL.map(|sharing| contract.module(sharing)).to_vec();
         forms.dedup_by(|a, b| a.name == b.name);
         for module in &forms {
-            let words = spirv(&compiler, contract, module, shaderc::OptimizationLevel::Performance)?;
+            let words = spirv(&compiler, compiled, (contract, module), shaderc::OptimizationLevel::Performance)?;
             (&module.name, &words).hash(&mut hash);
             write(&out.join(format!("{}.in", module.name)), &format!("{words:?}"))?;
             // Relative to the table, so that the folder can be moved.
             line(&mut modules, format_args!("    ({0:?}, &include!(\"{0}.in\")),", module.name))?;
         }
         // The optimiser strips names; all forms are of one source and declare the same.
-        let named = spirv(&compiler, contract, &forms[0], shaderc::OptimizationLevel::Zero)?;
+        let named = spirv(&compiler, compiled, (contract, &forms[0]), shaderc::OptimizationLevel::Zero)?;
         let interface = Interface::new(contract, &named)?;
         let bindings = interface.bindings.iter();
         let bindings = bindings.map(|(name, ty)| format!("Binding {{ name: {name:?}, ty: BindingType::{ty} }}"));
@@ -78,11 +79,23 @@ fn line(text: &mut String, line: std::fmt::Arguments) -> Result<(), String> {
 /// SPIR-V 1.5 of one module of a variant.
 fn spirv(
     compiler: &shaderc::Compiler,
+    compiled: &mut Compiled,
+    (contract, module): (&Contract, &Module),
+    level: shaderc::OptimizationLevel,
+) -> Result<Vec<u32>, String> {
+    let text = with_includes(Path::new(GLSL), contract.source)?;
+    compiled.words((text, &module.defines, level as u32), || compile_module(compiler, contract, module, level))
+}
+
+const GLSL: &str = "glsl";
+
+fn compile_module(
+    compiler: &shaderc::Compiler,
     contract: &Contract,
     module: &Module,
     level: shaderc::OptimizationLevel,
 ) -> Result<Vec<u32>, String> {
-    let path = Path::new("glsl").join(contract.source);
+    let path = Path::new(GLSL).join(contract.source);
     let source = fs::read_to_string(&path).map_err(|e| format!("{}: {e}", path.display()))?;
     let mut options = shaderc::CompileOptions::new().map_err(|e| e.to_string())?;
     options.set_target_env(shaderc::TargetEnv::Vulkan, shaderc::EnvVersion::Vulkan1_2 as u32);
@@ -92,7 +105,7 @@ fn spirv(
         options.add_macro_definition(name, Some(value));
     }
     options.set_include_callback(|wanted, _, _, _| {
-        let file = Path::new("glsl").join(wanted);
+        let file = Path::new(GLSL).join(wanted);
         let content = fs::read_to_string(&file).map_err(|e| format!("{}: {e}", file.display()))?;
         Ok(shaderc::ResolvedInclude { resolved_name: file.display().to_string(), content })
     });
