@@ -1,9 +1,9 @@
-// What kernels are predicted from, and what their taps read, as kernel_inputs.comp has it, on cooperative matrices: maps
-// of halves, sums in 32-bit floats.
+// What kernels are predicted from, and what their taps read, as kernel_inputs.comp has it, on cooperative matrices:
+// maps of halves, sums in 32-bit floats.
 //
 // A workgroup works on 8x8 tokens of 2x2 pixels, each subgroup on the pixels of one phase, which take weights of their
-// own. Colour and residual, 32-bit floats, are staged as halves and as halves of what those leave, so that no digit that
-// counts is lost: their rows of weights are packed twice.
+// own. Colour and residual, 32-bit floats, are staged as halves and as halves of what those leave, so that no digit
+// that counts is lost: their rows of weights are packed twice.
 #version 460
 #extension GL_KHR_shader_subgroup_shuffle : require
 #include "shared/storage.glsl"

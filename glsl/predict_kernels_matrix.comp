@@ -1,5 +1,5 @@
-// The kernels of every pixel, predicted and applied as in predict_kernels.comp, the outputs on cooperative matrices: maps
-// of halves, sums in 32-bit floats.
+// The kernels of every pixel, predicted and applied as in predict_kernels.comp, the outputs on cooperative matrices:
+// maps of halves, sums in 32-bit floats.
 //
 // A workgroup of two subgroups works on 8x8 pixels; each computes the outputs of half of them, which go through shared
 // memory to the invocations that apply them.

@@ -4,8 +4,8 @@ const float LEAST_ALBEDO = 0.05;
 const float LEAST_RELIABILITY = 4.248354255291589e-18;   // exp(-40)
 const float NO_LOGIT = -1e30;
 
-// Where their weights lie: [biases of what is predicted from, by phase | the reliability's row | biases of the outputs |
-// the former's, by phase | the latter's].
+// Where their weights lie: [biases of what is predicted from, by phase | the reliability's row | biases of the outputs
+// | the former's, by phase | the latter's].
 const int HIDDEN = 8;                          // vectors of four
 const uint ROW_AT = 4u * HIDDEN;
 const uint BIASES_AT = ROW_AT + HIDDEN;
@@ -63,8 +63,8 @@ ivec2 offset_in_3x3(uint tap) {
     return ivec2(tap - 3u * row, row) - 1;
 }
 
-// Of a pixel what MixLevels reads: the mean of the image times the first level's share and that, the mean albedo and the
-// gate, the other levels' shares. `last` holds the share of the fifth level, which may be impossible, and the gate.
+// Of a pixel what MixLevels reads: the mean of the image times the first level's share and that, the mean albedo and
+// the gate, the other levels' shares. `last` holds the share of the fifth level, which may be impossible, and the gate.
 #define STORE_PREDICTED(dst, to, full, albedo, first, last) { \
     float most = max(max(max((first).x, (first).y), max((first).z, (first).w)), (last).x); \
     vec4 shares = exp((first) - most); \

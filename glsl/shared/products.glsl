@@ -1,5 +1,5 @@
-// Products of a row of inputs with weights, four outputs at a time. Those of predicted kernels have rows of four outputs
-// an input.
+// Products of a row of inputs with weights, four outputs at a time. Those of predicted kernels have rows of four
+// outputs an input.
 #ifdef LANES_SHARE
 #include "shared/lanes.glsl"
 #endif
