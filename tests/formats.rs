@@ -53,7 +53,7 @@ fn sample(format: SampleFormat, random: &mut Random) -> (Vec<u8>, Vec<f32>) {
             (value.to_le_bytes().into(), vec![(f32::from(value) / 32767.0).max(-1.0)])
         }
         SampleFormat::Rgb10A2Unorm => {
-            let word = bits | if bits % 5 == 0 { 0x3fff_ffff } else { 0 };
+            let word = bits | if bits.is_multiple_of(5) { 0x3fff_ffff } else { 0 };
             (word.to_le_bytes().into(), [0, 10, 20].map(|at| (word >> at & 1023) as f32 / 1023.0).into())
         }
         other => panic!("no samples of {other:?}"),
@@ -338,8 +338,9 @@ fn albedo_and_colour_in_images() {
     let mut random = Random::new(31);
     let words: Vec<u32> = (0..PIXELS)
         .map(|_| {
-            let mut float =
-                |mantissa: u32| (12 + random.bits() as u32 % 4) << mantissa | random.bits() as u32 % (1 << mantissa);
+            let mut float = |mantissa: u32| {
+                ((12 + random.bits() as u32 % 4) << mantissa) | (random.bits() as u32 % (1 << mantissa))
+            };
             float(6) | float(6) << 11 | float(5) << 22
         })
         .collect();
