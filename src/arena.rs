@@ -9,9 +9,9 @@ use ash::vk;
 use gpu_allocator::MemoryLocation;
 use std::sync::Arc;
 
-/// Device memory that passes compute in ([`crate::Denoiser::pass_in`]): of several frame sizes, of several denoisers on
-/// one device, whichever runs. Nothing in it outlives a recording, so that the passes of an arena may be recorded in any
-/// order, and the renderer may use memory of its own for other things in between.
+/// Device memory that passes compute in ([`crate::Denoiser::pass_in`]): of several frame sizes, of several denoisers
+/// on one device, whichever runs. Nothing in it outlives a recording, so that the passes of an arena may be recorded
+/// in any order, and the renderer may use memory of its own for other things in between.
 ///
 /// Its passes are submitted to one queue; each recording waits for the one before. `Send` and `Sync`; cheap to clone:
 /// clones are the same memory, and passes keep it alive.

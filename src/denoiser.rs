@@ -153,9 +153,9 @@ impl Denoiser {
         Ok(MemoryRequired::of_plan(&self.engine.plan(extent)?))
     }
 
-    /// The memory of an arena in which passes of all these sizes fit, one at a time. Nothing is allocated. Smaller frames
-    /// fit too ([`Denoiser::pass_in`]), but for what greedy placing in several blocks may leave over: list every size
-    /// that must fit.
+    /// The memory of an arena in which passes of all these sizes fit, one at a time. Nothing is allocated. Smaller
+    /// frames fit too ([`Denoiser::pass_in`]), but for what greedy placing in several blocks may leave over: list
+    /// every size that must fit.
     ///
     /// # Errors
     /// As [`Denoiser::memory_required`].
@@ -165,10 +165,10 @@ impl Denoiser {
         })
     }
 
-    /// Prepares the pass of a frame size in an arena that it shares with others: those of other sizes, where the frame's
-    /// size changes as the renderer runs, or of other denoisers on the device. What outlives a recording
-    /// ([`MemoryRequired::persistent`]) is allocated for the pass alone. It takes milliseconds (`docs/INTEGRATION.md`):
-    /// make passes ahead, or on another thread.
+    /// Prepares the pass of a frame size in an arena that it shares with others: those of other sizes, where the
+    /// frame's size changes as the renderer runs, or of other denoisers on the device. What outlives a recording
+    /// ([`MemoryRequired::persistent`]) is allocated for the pass alone. It takes milliseconds
+    /// (`docs/INTEGRATION.md`): make passes ahead, or on another thread.
     ///
     /// # Errors
     /// As [`Denoiser::pass`]; [`Error::FrameTooLarge`] where it does not fit the arena; [`Error::InvalidOption`] where

@@ -297,9 +297,9 @@ impl Pass {
     /// * Before: the renderer has made its writes to the input planes visible to `VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT`
     ///   / `VK_ACCESS_SHADER_READ_BIT`, and ordered earlier uses of the output plane before `COMPUTE_SHADER`. Images
     ///   are in the layouts that they were bound with.
-    /// * First thing recorded: a barrier from compute to compute over the arena, so that frames in flight on one queue,
-    ///   and other passes of a shared arena, do not disturb each other. A buffer of [`Exposure::Buffer`] counts as an input plane, one of
-    ///   [`FrameOptions::statistics`] as an output.
+    /// * First thing recorded: a barrier from compute to compute over the arena, so that frames in flight on one
+    ///   queue, and other passes of a shared arena, do not disturb each other. A buffer of [`Exposure::Buffer`]
+    ///   counts as an input plane, one of [`FrameOptions::statistics`] as an output.
     /// * After: the output was written in `COMPUTE_SHADER` with `VK_ACCESS_SHADER_WRITE_BIT`; the renderer puts the
     ///   barrier that its next use needs. Bound compute pipeline, compute descriptor set 0 and push constants have
     ///   changed.

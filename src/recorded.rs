@@ -114,8 +114,8 @@ impl RecordedPass {
     /// Submits the pass, which begins when `wait` is reached, and reaches `signal` when it has run. Returns at once.
     ///
     /// # Errors
-    /// [`Error::InvalidOption`] where the semaphore has passed the value to signal; [`Error::Binding`] for a semaphore of
-    /// another device; [`Error::DeviceLost`], [`Error::Vulkan`].
+    /// [`Error::InvalidOption`] where the semaphore has passed the value to signal; [`Error::Binding`] for a semaphore
+    /// of another device; [`Error::DeviceLost`], [`Error::Vulkan`].
     pub fn submit(&mut self, wait: Option<&TimelinePoint>, signal: Option<&TimelinePoint>) -> Result<()> {
         for point in wait.iter().chain(&signal) {
             if point.semaphore.device().raw().handle() != self.device.raw().handle() {

@@ -36,8 +36,8 @@ pub fn plan_in(graph: &Graph, extent: Extent, options: &Target, blocks: &[u64]) 
     let planned = of_frame(graph, extent, options, Limits::Given(blocks, options.max_block_bytes))?;
     planned.map_err(|bytes| {
         let reason = format!(
-            "its maps do not fit an arena with blocks of {blocks:?} bytes (there is no room for one of {bytes}): make the \
-             arena for this size too (Denoiser::arena_required)"
+            "its maps do not fit an arena with blocks of {blocks:?} bytes (there is no room for one of {bytes}): make \
+             the arena for this size too (Denoiser::arena_required)"
         );
         Error::FrameTooLarge { width: extent.width, height: extent.height, reason }
     })
@@ -296,8 +296,8 @@ impl<'a> Lowering<'a> {
         op_flops(self.graph, op, self.padded.width, self.padded.height).total()
     }
 
-    /// Places the buffers, those of `kept` in persistent memory, and finds the barriers. Fails with the size of a buffer
-    /// that no block holds.
+    /// Places the buffers, those of `kept` in persistent memory, and finds the barriers. Fails with the size of a
+    /// buffer that no block holds.
     fn finish(mut self, kept: &[BufferId], arena: Limits) -> Result<Plan, u64> {
         let options = self.options;
         let buffers = &self.buffers;

@@ -357,8 +357,8 @@ impl Device {
         &self.0.raw
     }
 
-    /// What the device can share with other APIs and devices, by file descriptors; nothing where it is a renderer's, which
-    /// shares its own.
+    /// What the device can share with other APIs and devices, by file descriptors; nothing where it is a renderer's,
+    /// which shares its own.
     pub fn interop(&self) -> Interop {
         self.0.interop
     }
@@ -434,7 +434,7 @@ impl Drop for Inner {
 fn needed_debug(instance: &ash::Instance, device: &ash::Device) -> Result<ext::debug_utils::Device> {
     debug::load(instance, device).ok_or_else(|| Error::InvalidOption {
         option: "debug_utils",
-        reason: "set, and the functions of VK_EXT_debug_utils are not there; enable it when the instance is made".into(),
+        reason: "set, and the functions of VK_EXT_debug_utils are not there; make the instance with it".into(),
     })
 }
 

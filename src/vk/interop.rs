@@ -20,8 +20,8 @@ pub struct Transfer {
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 #[non_exhaustive]
 pub struct Interop {
-    /// Buffers by opaque file descriptors (`VK_KHR_external_memory_fd`): with Vulkan, CUDA and OpenGL on the same device
-    /// and driver.
+    /// Buffers by opaque file descriptors (`VK_KHR_external_memory_fd`): with Vulkan, CUDA and OpenGL on the same
+    /// device and driver.
     pub opaque_fd: Transfer,
     /// Buffers by dma-bufs (`VK_EXT_external_memory_dma_buf`): with whatever else in the system knows them.
     pub dma_buf: Transfer,

@@ -1,5 +1,6 @@
 //! Everything that touches Vulkan: devices, memory, pipelines, submission. `unsafe` lives here and where commands are
-//! recorded or a caller's handles are taken (`record.rs`, `recorded.rs`, `pass.rs`, `arena.rs`, `renderer.rs`, `host.rs`).
+//! recorded or a caller's handles are taken (`record.rs`, `recorded.rs`, `pass.rs`, `arena.rs`, `renderer.rs`,
+//! `host.rs`).
 
 pub(crate) mod cache;
 pub mod caps;

@@ -60,8 +60,8 @@ impl SharedBuffer {
     /// A buffer of `size` bytes at the start of another's memory.
     ///
     /// # Errors
-    /// As [`SharedBuffer::new`]; [`Error::InvalidOption`] where the memory is too small for the buffer or of a type that
-    /// buffers cannot have.
+    /// As [`SharedBuffer::new`]; [`Error::InvalidOption`] where the memory is too small for the buffer or of a type
+    /// that buffers cannot have.
     ///
     /// # Safety
     /// The descriptor is as the fields beside it say. Opaque ones were exported by the same driver
@@ -88,8 +88,8 @@ impl SharedBuffer {
                 unsafe { device.raw().destroy_buffer(raw, None) };
                 let (wants, types, can) = (requirements.size, other?, requirements.memory_type_bits);
                 let reason = format!(
-                    "{bytes} bytes of the memory types {types:#b}; a buffer of {size} bytes takes {wants} bytes of one of \
-                     {can:#b}"
+                    "{bytes} bytes of the memory types {types:#b}; a buffer of {size} bytes takes {wants} bytes of one \
+                     of {can:#b}"
                 );
                 return Err(Error::InvalidOption { option: "shared memory", reason });
             }
