@@ -50,7 +50,7 @@ if wants device; then
   step roof.json 40 bin/vkdenoise-profile roof --json
 fi
 if wants check; then
-  for name in kernels convolutions matrix predicted stats signals neutral; do
+  for name in kernels attention convolutions matrix predicted stats signals neutral; do
     step "check-$name.txt" 90 "tests/$name" --nocapture --test-threads=4
   done
 fi
