@@ -70,7 +70,8 @@ MatrixA rows_of_f[STEPS];
     [[unroll]] for (uint k = 0u; k < STEPS; ++k) sum = coopMatMulAdd(rows[k], columns[k], sum); \
     coopmat<float16_t, gl_ScopeSubgroup, ROWS, COLUMNS, gl_MatrixUseAccumulator> halves = \
         coopmat<float16_t, gl_ScopeSubgroup, ROWS, COLUMNS, gl_MatrixUseAccumulator>(sum); \
-    coopMatStore(halves, staged, (to) + gl_SubgroupID * QUERIES * (stride), stride, gl_CooperativeMatrixLayoutRowMajor); \
+    coopMatStore(halves, staged, (to) + gl_SubgroupID * QUERIES * (stride), stride, \
+        gl_CooperativeMatrixLayoutRowMajor); \
     }
 
 // Queries, keys and values of this window, from its normed tokens.

@@ -194,7 +194,8 @@ void main() {
     [[unroll]] for (uint i = 0u; i < RESULTS; ++i) results[i] = MatrixSum(0.0);
     // Whether the frame has all tokens around.
     uvec2 corner = origin - reach(0u);
-    bool whole = corner.x < width && corner.x + width_of(0u) <= width && corner.y < height && corner.y + height_of(0u) <= height;
+    uvec2 around = uvec2(width_of(0u), height_of(0u)), size = uvec2(width, height);
+    bool whole = all(lessThan(corner, size)) && all(lessThanEqual(corner + around, size));
 
     // Weights are loaded before the barrier after which they are used, so that they are there by then.
     load_mixing(pointwise_0, 16u);

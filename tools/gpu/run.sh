@@ -1,14 +1,14 @@
 #!/usr/bin/env bash
 # Measures the denoiser on this machine's GPU, most important first, within a number of seconds. Every step fails alone.
 #   run.sh SECONDS OUT     everything as files in OUT; a short table on standard output
-# STEPS="check networks" picks from: device check networks parts first sweep.
+# STEPS="check networks" picks from: device check networks sweep first parts.
 set -uo pipefail
 [ $# = 2 ] || { sed -n '2,4s/^# \{0,1\}//p' "$0" >&2; exit 2; }
 end=$(($(date +%s) + $1))
 mkdir -p "$2"
 out=$(cd "$2" && pwd)
 cd "$(dirname "$0")"
-steps=${STEPS:-device check networks parts first sweep}
+steps=${STEPS:-device check networks sweep first parts}
 export VKDENOISE_GOLDEN=$PWD/data XDG_CACHE_HOME=$out/cache VKDENOISE_VALIDATION=${VKDENOISE_VALIDATION:-off}
 
 left() { echo $((end - $(date +%s))); }
@@ -50,7 +50,7 @@ if wants device; then
   step roof.json 40 bin/vkdenoise-profile roof --json
 fi
 if wants check; then
-  for name in kernels convolutions matrix predicted stats signals neutral; do
+  for name in kernels attention convolutions matrix predicted stats signals neutral; do
     step "check-$name.txt" 90 "tests/$name" --nocapture --test-threads=4
   done
 fi
@@ -71,6 +71,26 @@ if wants networks; then
   for size in 1024x1024 512x512 256x256; do network hybrid $size fp32 9; network hybrid $size fp16 9; done
   network expanded_patch 1024x1024 fp32 9
 fi
+# sweep SIZE CHOICE...: the Hybrid, each choice in turn.
+sweep() {
+  local size=$1 choice name
+  shift
+  for choice in "$@"; do
+    name=${choice#--}
+    # shellcheck disable=SC2086
+    step "sweep-hybrid-$size-${name// /=}.json" 60 bin/vkdenoise-profile network --size "$size" --precision matrix --repeat 15 \
+      --warm-up 5 --json $choice
+  done
+}
+if wants sweep; then
+  # A block's attention as one kernel or as four; subgroups that share a tile's tokens: as many everywhere; MiB of a map
+  # between consecutive operations, above which they run band by band.
+  for size in 1024x1024 256x256; do
+    sweep $size "--attention joined" "--attention four-kernels" "--matrix-halves 1" "--matrix-halves 2"
+  done
+  sweep 1024x1024 "--max-chain-mib 32" "--max-chain-mib 64"
+fi
+
 if wants first; then
   # A process with nothing cached, then one with the pipelines of the first.
   for turn in cold warm; do
@@ -82,33 +102,16 @@ if wants parts; then
   step blocks.json 90 bin/vkdenoise-profile blocks --sizes 128,256,512,1024,2048 --json
   step tables.json 120 bin/vkdenoise-profile tables --size 1024 --json
 fi
-if wants sweep; then
-  # MiB of a map between consecutive operations, above which they run band by band; subgroups that share a tile's tokens.
-  # First the attention of a block as one kernel against four, beside what both are compared with.
-  for size in 1024x1024 256x256; do
-    for choice in "--attention joined" "--attention four-kernels"; do
-      step "sweep-$size${choice// /}.json" 60 bin/vkdenoise-profile network --size $size --precision matrix --repeat 15 \
-        --warm-up 5 --json $choice
-    done
-  done
-  for choice in "--max-chain-mib 32" "--max-chain-mib 64" "--matrix-halves 2"; do
-    step "sweep-1024x1024${choice// /}.json" 60 bin/vkdenoise-profile network --size 1024 --precision matrix --repeat 9 \
-      --warm-up 5 --json $choice
-  done
-fi
-
 # Where the time goes, kernel by kernel.
-for file in "$out"/network-*-1024x1024-matrix.json "$out"/network-*-256x256-matrix.json; do
-  [ -s "$file" ] || continue
-  by_kernel "$file" > "$out/kernels-$(basename "$file" .json | cut -d- -f2-3).txt"
+for file in "$out"/network-*.json "$out"/sweep-*.json; do
+  [ ! -s "$file" ] || by_kernel "$file" > "${file%.json}.txt"
 done
 
-printf '\n%-18s %-12s %-8s %10s %10s\n' network size tier 'pass ms' 'kernels ms'
+printf '\n%-18s %-12s %-24s %10s %10s\n' network size 'tier or choice' 'pass ms' 'kernels ms'
 for file in "$out"/network-*.json "$out"/sweep-*.json; do
   [ -s "$file" ] || continue
-  IFS=- read -r step arch size tier <<< "$(basename "$file" .json)"
-  [ "$step" != sweep ] || { tier=$size; size=$arch; arch=sweep; }
+  IFS=- read -r _ arch size tier <<< "$(basename "$file" .json)"
   kernels=$(awk '$1 == "\"kernels_ms\":" { gsub(",", "", $2); print $2; exit }' "$file")
-  printf '%-18s %-12s %-8s %10.3f %10.3f\n' "$arch" "$size" "$tier" "$(median "$file" pass_ms)" "${kernels:-0}"
+  printf '%-18s %-12s %-24s %10.3f %10.3f\n' "$arch" "$size" "$tier" "$(median "$file" pass_ms)" "${kernels:-0}"
 done | tee "$out/table.txt"
 grep -h FAILED "$out/steps" || true
