@@ -1,7 +1,7 @@
 // The mean of all tokens from its partial sums, and the matrix that makes [gamma | beta] of it. One workgroup.
 //
-// Where only some tokens were computed, those of denoised squares count once, and those of sampled quiet squares as
-// often as it takes to stand for all quiet ones; where none was sampled, the denoised ones stand for all.
+// Where only some tokens were computed, those of denoised squares count once, and those of sampled converged squares as
+// often as it takes to stand for all converged ones; where none was sampled, the denoised ones stand for all.
 #version 460
 #include "shared/storage.glsl"
 
@@ -41,11 +41,11 @@ void main() {
             atomicAdd(sampled_tokens, counts.v[2u * s + 1u]);
         }
         barrier();
-        uint quiet_tokens = tokens - denoised_tokens;
+        uint converged_tokens = tokens - denoised_tokens;
         if (sampled_tokens > 0u) {
             kinds = 2u;
-            factors[1] = float(quiet_tokens) / float(sampled_tokens) * inverse_tokens;
-        } else if (quiet_tokens > 0u) {
+            factors[1] = float(converged_tokens) / float(sampled_tokens) * inverse_tokens;
+        } else if (converged_tokens > 0u) {
             factors[0] = 1.0 / float(denoised_tokens);
         }
     }

@@ -1,6 +1,6 @@
 // The network's residual to the denoised colour, cropped to the frame: an average of what came in, so at most its
-// largest sample. Light that went around the network is added. Where a map says what is quiet, quiet pixels are the
-// caller's, but for a blend beside those that are not.
+// largest sample. Light that went around the network is added. Where a map says what is converged, converged pixels are
+// the caller's, but for a blend beside those that are not.
 #version 460
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"
@@ -8,7 +8,7 @@
 #include "shared/log_exp.glsl"
 #include "shared/target_plane.glsl"
 #include "shared/planes.glsl"
-#include "shared/quiet.glsl"
+#include "shared/converged.glsl"
 
 layout(local_size_x = 64) in;
 
@@ -23,7 +23,7 @@ layout(push_constant) uniform Push {
     Stats stats;
     Planes planes;
     TileList tiles;       // with FLAG_TILE_LIST
-    Uints map;            // with FLAG_QUIET
+    Uints map;            // with FLAG_CONVERGED
     uint left;            // the pixels to write, ends excluded
     uint top;
     uint right;
@@ -38,9 +38,9 @@ layout(push_constant) uniform Push {
 
 #include "shared/read_color.glsl"
 
-const uint FLAG_QUIET = 16u;
+const uint FLAG_CONVERGED = 16u;
 const uint FLAG_RADIANCE = 32u;    // the network's result is exposed radiance
-#include "shared/quiet_share.glsl"
+#include "shared/converged_share.glsl"
 
 // Where expm1 ends: the largest float's logarithm.
 const float MAX_LOG = 88.0;
@@ -69,9 +69,9 @@ void main() {
     at += uvec2(gl_LocalInvocationID.x % 8u, gl_LocalInvocationID.x / 8u);
     if (at.x < left || at.x >= right || at.y < top || at.y >= bottom) return;
 
-    float quiet = (flags & FLAG_QUIET) != 0u ? quiet_share(at) : 0.0;
+    float converged = (flags & FLAG_CONVERGED) != 0u ? converged_share(at) : 0.0;
     vec3 color = vec3(0.0);
-    if (quiet < 1.0) {
+    if (converged < 1.0) {
         uint pixel = at.y * src_width + at.x;
         vec4 noisy = LOAD(log_color, pixel);
         vec3 result = LOAD(residual, pixel * residual_stride).xyz;
@@ -90,9 +90,9 @@ void main() {
         }
         color = min(color, vec3(TARGET_MAX));
     }
-    if (quiet > 0.0) {
+    if (converged > 0.0) {
         vec3 own = min(light_of(read_color(at)), vec3(TARGET_MAX));
-        color = quiet < 1.0 ? mix(color, own, quiet) : own;
+        color = converged < 1.0 ? mix(color, own, converged) : own;
     }
 #ifdef IMAGES
     imageStore(dst_image, ivec2(at), vec4(color, texelFetch(color_image, ivec2(at), 0).a));

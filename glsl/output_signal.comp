@@ -1,14 +1,14 @@
 // A signal that went through the colour's kernels to the caller's plane, cropped to the frame: with what goes around
 // the kernels, as the colour; where the colour's result is cut at the frame's largest sample, a part of the light is
-// by the same factor. Where a map says what is quiet, quiet pixels are the caller's, but for a blend beside those
-// that are not.
+// by the same factor. Where a map says what is converged, converged pixels are the caller's, but for a blend beside
+// those that are not.
 #version 460
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"
 #include "shared/stats.glsl"
 #include "shared/target_plane.glsl"
 #include "shared/planes.glsl"
-#include "shared/quiet.glsl"
+#include "shared/converged.glsl"
 #include "shared/signals.glsl"
 
 layout(local_size_x = 64) in;
@@ -19,7 +19,7 @@ layout(push_constant) uniform Push {
     Weights direct;       // what goes around the kernels, every second vector
     Stats stats;
     SignalPlanes signal;
-    Uints map;            // with FLAG_QUIET
+    Uints map;            // with FLAG_CONVERGED
     TileList tiles;       // with FLAG_TILE_LIST
     uint left;            // the pixels to write, ends excluded
     uint top;
@@ -35,8 +35,8 @@ layout(push_constant) uniform Push {
 
 #include "shared/read_signal.glsl"
 
-const uint FLAG_QUIET = 16u;
-#include "shared/quiet_share.glsl"
+const uint FLAG_CONVERGED = 16u;
+#include "shared/converged_share.glsl"
 
 void main() {
     uint slot = group_index();
@@ -47,9 +47,9 @@ void main() {
 
     uint pixel = at.y * src_width + at.x;
     bool light = (flags & FLAG_LIGHT) != 0u;
-    float quiet = (flags & FLAG_QUIET) != 0u ? quiet_share(at) : 0.0;
+    float converged = (flags & FLAG_CONVERGED) != 0u ? converged_share(at) : 0.0;
     vec3 result = vec3(0.0);
-    if (quiet < 1.0) {
+    if (converged < 1.0) {
         float inverse = light ? 1.0 / stats.exposure : 1.0;
         result = LOAD_WEIGHTS(filtered, pixel).xyz * inverse;
         if (light) {
@@ -65,10 +65,10 @@ void main() {
         result = mix((1.0 - blend) * result, vec3(0.0), alone) + around.xyz * inverse;
         result = clamp(result, -TARGET_MAX, TARGET_MAX);
     }
-    if (quiet > 0.0) {
+    if (converged > 0.0) {
         vec3 own = read_signal(at);
         own = mix(vec3(0.0), clamp(own, -TARGET_MAX, TARGET_MAX), are_finite(own));
-        result = quiet < 1.0 ? mix(result, own, quiet) : own;
+        result = converged < 1.0 ? mix(result, own, converged) : own;
     }
     if ((flags & FLAG_ALPHA) != 0u) result = clamp(result, 0.0, 1.0);
     store_target(signal.result, at, result, (flags & FLAG_SIGNAL_ONE) == 0u);

@@ -2,7 +2,7 @@
 // over either list. One workgroup; positions come from sums in a fixed order.
 #version 460
 #include "shared/storage.glsl"
-#include "shared/quiet.glsl"
+#include "shared/converged.glsl"
 
 layout(local_size_x = 256) in;
 

@@ -11,7 +11,7 @@
 #include "shared/planes.glsl"
 #include "shared/stats.glsl"
 #include "shared/input_grid.glsl"
-#include "shared/quiet.glsl"
+#include "shared/converged.glsl"
 
 layout(local_size_x = 64) in;
 

@@ -1,10 +1,11 @@
 // Sums of runs of tokens, one workgroup a run: its invocations take four channels each of every n-th token, and their
-// sums are added in a fixed order. Only tokens that hold pixels of the unpadded frame count; where quiet squares are
-// left out, those of denoised squares, and in sums of their own those of the quiet squares that stand for the others.
+// sums are added in a fixed order. Only tokens that hold pixels of the unpadded frame count; where converged squares
+// are left out, those of denoised squares, and in sums of their own those of the converged squares that stand for the
+// others.
 #version 460
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"
-#include "shared/quiet.glsl"
+#include "shared/converged.glsl"
 
 layout(local_size_x = 256) in;
 
@@ -13,7 +14,7 @@ layout(buffer_reference, std430, buffer_reference_align = 16) writeonly buffer S
 layout(push_constant) uniform Push {
     Source src;
     Sums dst;             // [sums][channels]; with a map the same of sampled squares behind
-    Uints map;            // the squares: 1 denoised, 0 quiet
+    Uints map;            // the squares: 1 denoised, 0 converged
     Uints counts;         // with a map: tokens of denoised and of sampled squares for every sum
     uint width;
     uint real_width;

@@ -120,7 +120,8 @@ impl Denoiser {
         self.host.as_ref().map_or(&[], HostPass::records)
     }
 
-    /// Which tiles the last call worked on; `None` without [`Options::quiet`], and for a frame that was cut into tiles.
+    /// Which tiles the last call worked on; `None` without [`Options::converged`], and for a frame that was cut into
+    /// tiles.
     pub fn active_tiles(&self) -> Option<&ActiveTiles> {
         self.host.as_ref().and_then(HostPass::active)
     }
@@ -202,7 +203,7 @@ fn check_options(options: &Options) -> Result<FrameOptions> {
     let Options { exposure, blend, fireflies, .. } = *options;
     let frame = FrameOptions { exposure, blend, fireflies, ..FrameOptions::default() };
     check_host(&frame)?;
-    options.quiet.map_or(Ok(()), |quiet| quiet.check())?;
+    options.converged.map_or(Ok(()), |converged| converged.check())?;
     Ok(frame)
 }
 

@@ -32,7 +32,7 @@ pub(crate) struct Engine {
     pub weights: Buffer,
     pub exposure_rule: ExposureRule,
     /// Relative noise below which nothing is denoised, where the plans leave that out.
-    pub quiet_threshold: f32,
+    pub converged_threshold: f32,
     /// Whether recordings label every kernel.
     pub label_kernels: bool,
     /// Most device memory that a frame may take, in bytes.
@@ -54,9 +54,9 @@ impl Engine {
         // The packing is the same at every size.
         let smallest = plan(&graph, Extent::new(1, 1), &target)?;
         let engine = Self::of_plan(device, graph, &smallest, weights, target)?;
-        let quiet_threshold = options.quiet.map_or(0.0, |quiet| quiet.threshold);
+        let converged_threshold = options.converged.map_or(0.0, |converged| converged.threshold);
         let Options { memory_budget, label_kernels, .. } = *options;
-        Ok(Self { memory_budget, quiet_threshold, label_kernels, ..engine })
+        Ok(Self { memory_budget, converged_threshold, label_kernels, ..engine })
     }
 
     /// For plans that pack the weights as `plan` does, which was made for `target`.
@@ -68,7 +68,7 @@ impl Engine {
             graph,
             target,
             exposure_rule: weights.preprocessing().exposure,
-            quiet_threshold: 0.0,
+            converged_threshold: 0.0,
             label_kernels: false,
             memory_budget: None,
         })
@@ -111,7 +111,7 @@ impl Engine {
 
     /// What the plans of tiles are made for: the larger they are, the less of them overlaps.
     pub fn tile_target(&self) -> Target {
-        Target { of_tile: true, quiet: None, keep_features: false, ..self.narrow_target() }
+        Target { of_tile: true, converged: None, keep_features: false, ..self.narrow_target() }
     }
 
     /// Bytes of the budget, or of the device.

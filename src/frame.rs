@@ -351,7 +351,7 @@ pub struct Features<'a> {
     /// Depth: one channel, any unit, larger is farther; 0, negative, non-finite or at least 1e9 (in halves 65000) is
     /// background.
     pub depth: Option<Plane<'a>>,
-    /// The colour's noise: which pixels need no denoising ([`crate::Options::quiet`]; else not looked at).
+    /// The colour's noise: which pixels need no denoising ([`crate::Options::converged`]; else not looked at).
     pub noise: Option<Noise<Plane<'a>>>,
 }
 

@@ -288,7 +288,7 @@ impl HostPass {
 
     /// Copies what is known of the colour's noise, where that is asked for, and says what it is.
     fn stage_noise(&mut self, features: &Features) -> Option<NoiseKind> {
-        let noise = features.noise.filter(|_| self.pass.plan().quiet.is_some())?;
+        let noise = features.noise.filter(|_| self.pass.plan().converged.is_some())?;
         self.write(Role::Noise, &noise.plane);
         Some(noise.kind)
     }

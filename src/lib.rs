@@ -48,7 +48,7 @@
 //! |---|---|
 //! | a device | [`Device::open`], [`Device::list`]; a renderer's own: [`Device::from_renderer`] with [`RendererDevice`], from raw handles [`RawDevice`]; what to enable: [`Device::requirements`] |
 //! | a network | [`Quality`] picks one that ships, [`Weights::from_file`] loads one |
-//! | choices | [`Options`] for a [`Denoiser`], [`FrameOptions`] for each frame; [`Exposure`], [`Fireflies`], [`Precision`], [`Quiet`] |
+//! | choices | [`Options`] for a [`Denoiser`], [`FrameOptions`] for each frame; [`Exposure`], [`Fireflies`], [`Precision`], [`Converged`] |
 //! | frames in memory | [`Denoiser::denoise`] of a [`Frame`] of [`Plane`]s with a [`Layout`] each; [`Denoiser::denoise_with`] for [`Signal`]s beside it, [`Progress`] and cancelling; a [`Report`] comes back |
 //! | frames on the GPU | [`Denoiser::pass`], then [`Pass::bind_buffers`] of a [`BufferFrame`] or [`Pass::bind_images`] of an [`ImageFrame`], then [`Pass::record`] every frame |
 //! | what planes hold | [`SampleFormat`] in buffers, [`ImageFormat`]; [`NormalEncoding`], [`DepthEncoding`] |
@@ -120,7 +120,9 @@ pub use half;
 pub use kernels::frame_io::Fireflies;
 pub use memory::MemoryRequired;
 pub use net::weights::{Weights, WeightsError};
-pub use options::{Exposure, FrameOptions, Options, Precision, Quiet, QuietMargins, QuietMode, Report, TileReport};
+pub use options::{
+    Converged, ConvergedMargins, ConvergedMode, Exposure, FrameOptions, Options, Precision, Report, TileReport,
+};
 pub use pass::{Binding, Pass};
 pub use plan::active::{ActiveTiles, Part};
 pub use profile::{KernelRecord, Profiler};

@@ -41,9 +41,9 @@ impl MemoryRequired {
     }
 }
 
-/// The planes that go in, each by itself; that of noise, the last, only where quiet tiles are left out.
+/// The planes that go in, each by itself; that of noise, the last, only where converged tiles are left out.
 pub(crate) fn input_bytes(plan: &Plan) -> u64 {
-    let end = if plan.quiet.is_some() { Role::Output } else { Role::Noise };
+    let end = if plan.converged.is_some() { Role::Output } else { Role::Noise };
     4 * plan.extent.pixels() * floats_before(end)
 }
 

@@ -105,8 +105,8 @@ impl Pass {
         &self.plan
     }
 
-    /// The share of the FLOPs of a whole frame with all features that a recording does, from 0 to 1; where quiet tiles
-    /// are left out, with these active tiles, or with all where there is no saying yet.
+    /// The share of the FLOPs of a whole frame with all features that a recording does, from 0 to 1; where converged
+    /// tiles are left out, with these active tiles, or with all where there is no saying yet.
     ///
     /// # Errors
     /// [`Error::InvalidOption`] as [`Pass::record`].
@@ -122,16 +122,16 @@ impl Pass {
         work.flops(active) / Work::of(&self.plan.dispatches).flops(None).max(1.0)
     }
 
-    /// Where a recording tells which tiles it worked on ([`crate::Options::quiet`]): buffer, first byte, bytes. Written
-    /// in `COMPUTE_SHADER`; it can be copied from. [`Pass::active_tiles`] says what the copy means. `None` where
-    /// nothing is left out.
+    /// Where a recording tells which tiles it worked on ([`crate::Options::converged`]): buffer, first byte, bytes.
+    /// Written in `COMPUTE_SHADER`; it can be copied from. [`Pass::active_tiles`] says what the copy means. `None`
+    /// where nothing is left out.
     pub fn activity_buffer(&self) -> Option<(vk::Buffer, u64, u64)> {
-        self.plan.quiet.as_ref().map(|quiet| self.location(quiet.buffer))
+        self.plan.converged.as_ref().map(|converged| self.location(converged.buffer))
     }
 
     /// Which tiles a recording worked on, by a copy of [`Pass::activity_buffer`]; `None` where nothing is left out.
     pub fn active_tiles(&self, copy: &[u32]) -> Option<ActiveTiles> {
-        self.plan.quiet.as_ref().map(|quiet| quiet.read(copy))
+        self.plan.converged.as_ref().map(|converged| converged.read(copy))
     }
 
     /// What runs of a binding's dispatches; of all, where nothing is left out, its own list.
@@ -145,8 +145,8 @@ impl Pass {
         let mut dispatches = Cow::Borrowed(&binding.dispatches[..]);
         if let Some(region) = options.region {
             region.check(self.plan.extent)?;
-            match self.plan.quiet {
-                Some(_) => self.plan.quiet_outside(region, dispatches.to_mut()),
+            match self.plan.converged {
+                Some(_) => self.plan.converged_outside(region, dispatches.to_mut()),
                 None => self.plan.restrict_to(region, dispatches.to_mut()),
             }
         }
@@ -177,8 +177,8 @@ impl Pass {
     ///
     /// # Errors
     /// [`Error::PlaneMismatch`]; [`Error::Binding`] for a format that the plane cannot have, [`Error::InvalidOption`] for
-    /// an encoding of depths that it cannot; [`Error::Unsupported`] where the output's samples are halves and the device
-    /// cannot write them; [`Error::OutOfMemory`], [`Error::Vulkan`].
+    /// an encoding of depths that it cannot; [`Error::Unsupported`] where the output's samples are halves and the
+    /// device cannot write them; [`Error::OutOfMemory`], [`Error::Vulkan`].
     ///
     /// # Safety
     /// The buffers are valid, as their fields say, and belong to the device.
@@ -387,7 +387,7 @@ impl Pass {
                     told_at: options.statistics.as_ref().map(resolve),
                     blend: options.blend,
                     fireflies: options.fireflies,
-                    quiet_threshold: self.engine.quiet_threshold,
+                    converged_threshold: self.engine.converged_threshold,
                     planes: binding.planes.address(),
                     signal: None,
                 },

@@ -3,7 +3,7 @@
 use crate::error::{Error, Result};
 use crate::kernels::contract::Need;
 use crate::net::weights::{Weights, WeightsError};
-use crate::options::{Precision, Quiet, QuietMode};
+use crate::options::{Converged, ConvergedMode, Precision};
 use crate::vk::caps::DeviceKind;
 use crate::vk::device::Device;
 use std::fmt;
@@ -74,11 +74,11 @@ impl Quality {
         if halves { Precision::F16 } else { Precision::Auto }
     }
 
-    /// What it leaves out, for [`Options::quiet`](crate::Options::quiet). Over the noisy test frames that took at most
-    /// 2 % more time and changed nothing; where half of a frame has converged it saves about 0.4 of the time
+    /// What it leaves out, for [`Options::converged`](crate::Options::converged). Over the noisy test frames that took
+    /// at most 2 % more time and changed nothing; where half of a frame has converged it saves about 0.4 of the time
     /// (`docs/pareto.md`, `docs/skip.md`). As frames are not cut into bands then, large ones take more memory.
-    pub fn quiet(self) -> Option<Quiet> {
-        (self == Self::Fast).then(|| Quiet { threshold: 0.02, mode: QuietMode::default() })
+    pub fn converged(self) -> Option<Converged> {
+        (self == Self::Fast).then(|| Converged { threshold: 0.02, mode: ConvergedMode::default() })
     }
 }
 

@@ -3,7 +3,7 @@
 use crate::kernels::contract::Need;
 use crate::kernels::{Arithmetic, KernelTarget, Storage};
 use crate::net::Folds;
-use crate::options::{AttentionForm, ConvAlgorithm, Options, Precision, QuietMode, SeparableForm};
+use crate::options::{AttentionForm, ConvAlgorithm, Options, Precision, ConvergedMode, SeparableForm};
 use crate::vk::caps::{Caps, DeviceKind, TEXEL_BYTES};
 
 /// Largest block of an arena, whatever the device allows: beyond it some drivers' allocations grow unreliable.
@@ -23,10 +23,10 @@ pub struct Target {
     /// used for the next frame.
     pub keep_features: bool,
     /// Whether it is a tile of a larger frame, which gives what is of the whole ([`crate::plan::tile`]): the places of
-    /// that are kept for it. Not with `quiet` and `keep_features`.
+    /// that are kept for it. Not with `converged` and `keep_features`.
     pub of_tile: bool,
-    /// How quiet tiles are left out; `None`: none are.
-    pub quiet: Option<QuietMode>,
+    /// How converged tiles are left out; `None`: none are.
+    pub converged: Option<ConvergedMode>,
     /// Whether signals beside the colour can go through the predicted kernels.
     pub signals: bool,
     /// Which operations are folded into others before anything else is chosen.
@@ -42,7 +42,7 @@ pub struct Target {
     /// What dense kernels compute with, where one on matrices takes their maps: those of halves.
     pub arithmetic: Arithmetic,
     /// Bytes that a map between consecutive operations may take; where it would take more, they run band by band of the
-    /// frame. Not where quiet tiles are left out.
+    /// frame. Not where converged tiles are left out.
     pub max_chain_bytes: u64,
 }
 
@@ -66,7 +66,7 @@ impl Default for Target {
             keep_all: false,
             keep_features: false,
             of_tile: false,
-            quiet: None,
+            converged: None,
             signals: false,
             folds: Folds::EVERYWHERE,
             conv: ConvAlgorithm::default(),
@@ -115,7 +115,7 @@ impl Target {
             attention: options.attention.unwrap_or(suitable.attention),
             max_chain_bytes: options.max_chain_bytes.unwrap_or(suitable.max_chain_bytes),
             keep_features: options.keep_features,
-            quiet: options.quiet.map(|quiet| quiet.mode),
+            converged: options.converged.map(|converged| converged.mode),
             signals: options.signals,
             ..suitable
         })

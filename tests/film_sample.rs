@@ -1,4 +1,4 @@
-//! The mean that FiLM takes, estimated from a sample where quiet squares are left out.
+//! The mean that FiLM takes, estimated from a sample where converged squares are left out.
 
 mod common;
 
@@ -8,8 +8,8 @@ use common::device::assert_no_validation_messages;
 use common::random::Random;
 use common::rig::{Rig, words};
 use vkdenoise::Extent;
+use vkdenoise::kernels::converged::{MapSize, Sample};
 use vkdenoise::kernels::film::{Computed, FilmVector, TokenSum};
-use vkdenoise::kernels::quiet::{MapSize, Sample};
 use vkdenoise::kernels::{BufferId, Call, Storage, View};
 use vkdenoise::plan::Place;
 use vkdenoise::plan::pack::Pack;
@@ -88,7 +88,7 @@ fn film_means_of_a_sample() {
         if name == "all" {
             let vector = FilmVector { counts: None, dst: BufferId(plain), ..vector };
             rig.bench.run(&[Call::TokenSum(TokenSum { computed: None, ..sum }), Call::FilmVector(vector)]).unwrap();
-            assert_same_bits(&found, &rig.bench.download(BufferId(plain), 64), "nothing quiet");
+            assert_same_bits(&found, &rig.bench.download(BufferId(plain), 64), "nothing converged");
         }
         rig.bench.check_guards(&buffers.iter().map(|buffer| buffer.bytes).collect::<Vec<_>>()).unwrap();
     }

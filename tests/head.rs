@@ -14,8 +14,8 @@ use vkdenoise::net::{Arch, Head, Weights};
 use vkdenoise::reference::Reference;
 use vkdenoise::testing::{Bench, denoise_and_read};
 use vkdenoise::{
-    Denoiser, Extent, Features, Frame, Layout, Noise, NoiseKind, Options, Plane, PlaneMut, Precision, Quiet, QuietMode,
-    Region,
+    Converged, ConvergedMode, Denoiser, Extent, Features, Frame, Layout, Noise, NoiseKind, Options, Plane, PlaneMut,
+    Precision, Region,
 };
 
 /// What the exposed radiance may be wrong by, in 32-bit floats and with maps of halves: NMSE.
@@ -224,14 +224,14 @@ fn converged_tiles_are_left_out() {
     for (name, head) in heads() {
         let weights = weights(&head);
         let whole = denoised(&weights, &Options::default(), &frame);
-        for mode in [QuietMode::Exact, QuietMode::default()] {
-            let quiet = Some(Quiet { threshold: 0.02, mode });
-            let mut denoiser = Denoiser::new(device(), &weights, &Options { quiet, ..Options::default() }).unwrap();
+        for mode in [ConvergedMode::Exact, ConvergedMode::default()] {
+            let converged = Some(Converged { threshold: 0.02, mode });
+            let mut denoiser = Denoiser::new(device(), &weights, &Options { converged, ..Options::default() }).unwrap();
             denoise(&mut denoiser, &other.frame());
             let found = denoise(&mut denoiser, &frame);
             for (i, found) in found.iter().enumerate() {
                 assert!(found.is_finite() && *found >= 0.0, "{name}, {mode:?}: {found}");
-                if mode == QuietMode::Exact && is_active(i / 3) {
+                if mode == ConvergedMode::Exact && is_active(i / 3) {
                     assert_eq!(found.to_bits(), whole[i].to_bits(), "{name}: sample {i}");
                 }
             }

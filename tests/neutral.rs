@@ -14,8 +14,8 @@ use vkdenoise::reference::Reference;
 use vkdenoise::target::Target;
 use vkdenoise::testing::Bench;
 use vkdenoise::{
-    BufferAddress, BufferFrame, BufferPlane, Denoiser, Device, DeviceKind, Error, Exposure, Extent, Features,
-    Fireflies, Frame, FrameOptions, FrameStatistics, Layout, Options, Plane, PlaneMut, Precision, Quiet, QuietMode,
+    BufferAddress, BufferFrame, BufferPlane, Converged, ConvergedMode, Denoiser, Device, DeviceKind, Error, Exposure,
+    Extent, Features, Fireflies, Frame, FrameOptions, FrameStatistics, Layout, Options, Plane, PlaneMut, Precision,
     Region, SampleFormat, Weights,
 };
 
@@ -129,11 +129,11 @@ fn regions_of_harsh_frames_have_the_bits_of_the_whole() {
     let weights = Weights::hybrid().unwrap();
     let color = harsh(2);
     let mut random = Random::new(3);
-    for quiet in [None, Some(Quiet { threshold: 0.02, mode: QuietMode::Exact })] {
-        let options = Options { quiet, ..Options::default() };
+    for converged in [None, Some(Converged { threshold: 0.02, mode: ConvergedMode::Exact })] {
+        let options = Options { converged, ..Options::default() };
         let mut denoiser = Denoiser::new(device(), &weights, &options).unwrap();
         let whole = denoise(&mut denoiser, &color);
-        assert!(whole.iter().all(|v| v.is_finite() && *v >= 0.0), "{quiet:?}");
+        assert!(whole.iter().all(|v| v.is_finite() && *v >= 0.0), "{converged:?}");
         for _ in 0..6 {
             let (x, y) = (random.integer(0, 120), random.integer(0, 80));
             let (width, height) = (random.integer(1, 150 - x), random.integer(1, 100 - y));
@@ -143,8 +143,8 @@ fn regions_of_harsh_frames_have_the_bits_of_the_whole() {
             denoiser.set_region(Some(region));
             for (i, (part, whole)) in denoise(&mut denoiser, &color).iter().zip(&whole).enumerate() {
                 let inside = region.contains(i as u32 / 3 % 150, i as u32 / 450);
-                // Quiet pixels beside what is denoised are blended with it, and outside of a region nothing is.
-                if inside && quiet.is_none() {
+                // Converged pixels beside what is denoised are blended with it, and outside of a region nothing is.
+                if inside && converged.is_none() {
                     assert_eq!(part.to_bits(), whole.to_bits(), "{region:?}: sample {i} is {part}, not {whole}");
                 }
                 assert!(inside || *part == -1.0, "{region:?}: sample {i} was written");

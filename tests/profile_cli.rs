@@ -76,9 +76,9 @@ fn what_is_left_out_shows() {
         let row = rows.iter().find(|row| row["layer"] == name).unwrap_or_else(|| panic!("no stage {name}"));
         number(row, "/tiles/0") / number(row, "/tiles/1")
     };
-    let quiet = report(&["--quiet", "1", "--quiet-mode", "exact"]);
-    assert_eq!((number(&quiet, "/quiet/denoised"), stage(&quiet, "dec1")), (0.0, 0.0));
-    assert!(number(&quiet, "/work") < 0.3 && number(&quiet, "/quiet/whole_pass_ms/median") > 0.0);
+    let converged = report(&["--converged", "1", "--converged-mode", "exact"]);
+    assert_eq!((number(&converged, "/converged/denoised"), stage(&converged, "dec1")), (0.0, 0.0));
+    assert!(number(&converged, "/work") < 0.3 && number(&converged, "/converged/whole_pass_ms/median") > 0.0);
     let region = report(&["--region", "0,0,16,16"]);
     assert_eq!(region["region"], serde_json::json!([0, 0, 16, 16]));
     // What counts is in the left half of the coarse maps; little of it at the end.

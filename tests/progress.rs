@@ -6,7 +6,9 @@ use common::compare::assert_same_bits;
 use common::device::{assert_no_validation_messages, device};
 use common::planes::TestFrame;
 use std::ops::ControlFlow;
-use vkdenoise::{Denoiser, DeviceKind, Error, Extent, Layout, Options, PlaneMut, Quiet, QuietMode, Region, Weights};
+use vkdenoise::{
+    Converged, ConvergedMode, Denoiser, DeviceKind, Error, Extent, Layout, Options, PlaneMut, Region, Weights,
+};
 
 const EXTENT: Extent = Extent::new(67, 45);
 const UNTOUCHED: f32 = -7.0;
@@ -44,8 +46,8 @@ fn watched(
 
 #[test]
 fn a_watched_frame_has_the_same_bits_and_grows_from_nothing_to_all() {
-    let quiet = Quiet { threshold: 0.05, mode: QuietMode::Exact };
-    for options in [Options::default(), Options { quiet: Some(quiet), ..Options::default() }] {
+    let converged = Converged { threshold: 0.05, mode: ConvergedMode::Exact };
+    for options in [Options::default(), Options { converged: Some(converged), ..Options::default() }] {
         let mut denoiser = denoiser(&options);
         for (region, seed) in [(None, 1), (Some(Region { x: 5, y: 9, width: 30, height: 20 }), 2), (None, 3)] {
             denoiser.set_region(region);

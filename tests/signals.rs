@@ -14,8 +14,8 @@ use vkdenoise::reference::Reference;
 use vkdenoise::target::Target;
 use vkdenoise::testing::{Bench, denoiser_with_kernels};
 use vkdenoise::{
-    Denoiser, Error, Extent, Fireflies, Frame, Layout, Options, Plane, PlaneMut, Precision, Quiet, QuietMode, Region,
-    Signal, SignalKind,
+    Converged, ConvergedMode, Denoiser, Error, Extent, Fireflies, Frame, Layout, Options, Plane, PlaneMut, Precision,
+    Region, Signal, SignalKind,
 };
 
 /// NMSE of a result against f64, in 32-bit floats and with maps of halves.
@@ -202,9 +202,9 @@ fn sums_of_parts_hold() {
         ("blended", &every[..1], Options { blend: 0.4, ..options() }),
         ("maps of halves", &every[..1], Options { precision: Precision::F16, ..options() }),
         (
-            "quiet",
+            "converged",
             &every[..1],
-            Options { quiet: Some(Quiet { threshold: 0.02, mode: QuietMode::default() }), ..options() },
+            Options { converged: Some(Converged { threshold: 0.02, mode: ConvergedMode::default() }), ..options() },
         ),
     ];
     for (name, fireflies, options) in cases {
@@ -217,7 +217,7 @@ fn sums_of_parts_hold() {
             let name = format!("{name}, {fireflies:?}");
             let frame = difficult(extent, noise, 21);
             let mut color = samples(&frame.color);
-            if options.quiet.is_some() {
+            if options.converged.is_some() {
                 // A pixel that is left alone is what it was in every part; a negative one is 0 in the colour alone.
                 color.iter_mut().for_each(|sample| *sample = sample.max(0.0));
             }

@@ -455,7 +455,7 @@ fn the_way_out() {
             height,
             tiles,
             region,
-            quiet: None,
+            converged: None,
         })]);
 
         let found = samples(&rig.bench.download(output, len), output_half);

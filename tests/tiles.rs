@@ -9,8 +9,8 @@ use std::ops::ControlFlow;
 use std::sync::{LazyLock, Mutex, MutexGuard, PoisonError};
 use vkdenoise::testing::cut_into_tiles;
 use vkdenoise::{
-    Denoiser, Error, Exposure, Extent, Frame, Layout, Options, PlaneMut, Precision, Quiet, QuietMode, Region, Report,
-    Weights,
+    Converged, ConvergedMode, Denoiser, Error, Exposure, Extent, Frame, Layout, Options, PlaneMut, Precision, Region,
+    Report, Weights,
 };
 
 const UNTOUCHED: f32 = -7.0;
@@ -180,8 +180,11 @@ fn every_option_of_a_frame_holds_in_tiles() {
     let (whole, expected) = denoise(&mut shared(false), &bare.frame());
     let (report, output) = denoise(&mut tiled, &bare.frame());
     assert!(report.tiles.is_some() && difference(&output, &expected, whole.exposure) < 0.1);
-    let noisy =
-        Options { blend: 1.0, quiet: Some(Quiet { threshold: 0.02, mode: QuietMode::Exact }), ..Options::default() };
+    let noisy = Options {
+        blend: 1.0,
+        converged: Some(Converged { threshold: 0.02, mode: ConvergedMode::Exact }),
+        ..Options::default()
+    };
     let (_, output) = denoise(&mut in_tiles(noisy), &frame.frame());
     let Samples::F32(color) = &frame.color.samples else { unreachable!() };
     assert!(difference(&output, color, whole.exposure) < 1e-4);

@@ -5,14 +5,14 @@
 mod budget;
 #[path = "bench/budget_command.rs"]
 mod budget_command;
+#[path = "bench/converged_command.rs"]
+mod converged_command;
 #[path = "bench/pareto/mod.rs"]
 mod pareto;
 #[path = "bench/pareto_command.rs"]
 mod pareto_command;
 #[path = "plotting.rs"]
 mod plotting;
-#[path = "bench/quiet_command.rs"]
-mod quiet_command;
 #[path = "bench/resize_command.rs"]
 mod resize_command;
 #[path = "bench/skip_command.rs"]
@@ -73,9 +73,9 @@ enum Command {
     Stress(stress_command::StressArgs),
     /// Time what is left out: a region, unchanged features, none; in turn with the whole. One JSON object a case.
     Skip(skip_command::SkipArgs),
-    /// Leave out what is quiet of an EXR file, by several rules in turn with all of it: time, and what that does to the
-    /// picture.
-    Quiet(quiet_command::QuietArgs),
+    /// Leave out what is converged of an EXR file, by several rules in turn with all of it: time, and what that does to
+    /// the picture.
+    Converged(converged_command::ConvergedArgs),
     /// Time what a frame size costs the CPU in an arena that several share. One JSON object a size.
     Resize(resize_command::ResizeArgs),
     /// Print the device memory that a size takes, from the plan. Nothing is allocated for it.
@@ -134,7 +134,7 @@ fn main() -> ExitCode {
         Command::Pareto(args) => pareto_command::run(&args),
         Command::Stress(args) => stress_command::run(&args),
         Command::Skip(args) => skip_command::run(&args),
-        Command::Quiet(args) => quiet_command::run(&args),
+        Command::Converged(args) => converged_command::run(&args),
         Command::Resize(args) => resize_command::run(&args),
         Command::Memory { size, device, forms } => memory(&device, size, &forms.options()).map_err(Into::into),
     };

@@ -69,8 +69,8 @@ fn run(command: Command) -> Result<(), Failure> {
             max_chain_mib,
             precision,
             region,
-            quiet,
-            quiet_mode,
+            converged,
+            converged_mode,
             features,
             common,
             output,
@@ -85,8 +85,8 @@ fn run(command: Command) -> Result<(), Failure> {
                 max_chain_bytes: max_chain_mib.map(|mib| mib << 20),
                 ..Options::default()
             };
-            let quiet = quiet.map(|share| (share, quiet_mode));
-            let subject = network::Subject { extent: size, options, region, quiet, features };
+            let converged = converged.map(|share| (share, converged_mode));
+            let subject = network::Subject { extent: size, options, region, converged, features };
             network::network(&Session::open(&common)?, (&arch, head), &subject, &output)
         }
         Command::Conv { size, channels, common, output } => {

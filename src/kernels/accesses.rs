@@ -96,7 +96,7 @@ impl Call {
             | Self::InputSignal(_)
             | Self::OutputSignal(_)
             | Self::TileNoise(_)
-            | Self::QuietMap(_)
+            | Self::ConvergedMap(_)
             | Self::TileList(_)
             | Self::Fill(_) => return None,
         })

@@ -2,7 +2,7 @@
 
 use super::{
     Access, Grid, Kernel, Tiles, Traffic, View, attention_block, aux_projection, dense, expand, film, frame_io, maps,
-    predicted, quiet, separable, signals, stats, unembed, window_attention, winograd,
+    predicted, converged, separable, signals, stats, unembed, window_attention, winograd,
 };
 
 /// Declares [`Call`]: a variant of the enum for each kernel.
@@ -90,13 +90,13 @@ calls! {
     /// A filtered signal to the caller's plane.
     OutputSignal(signals::OutputSignal),
     /// Noise of the map's squares.
-    TileNoise(quiet::TileNoise),
+    TileNoise(converged::TileNoise),
     /// Map of what is to be denoised.
-    QuietMap(quiet::QuietMap),
+    ConvergedMap(converged::ConvergedMap),
     /// List of active tiles.
-    TileList(quiet::TileList),
+    TileList(converged::TileList),
     /// Zeros beside active tiles.
-    Fill(quiet::Fill),
+    Fill(converged::Fill),
 }
 
 impl Call {

@@ -296,7 +296,7 @@ contracts! {
         /// The same from images.
         TILE_NOISE_IMAGE = "tile_noise_image" "tile_noise.comp" TileNoisePush { "IMAGES": "1" } &[];
         /// Map of what is to be denoised.
-        QUIET_MAP = "quiet_map" "quiet_map.comp" QuietMapPush {} &[];
+        CONVERGED_MAP = "converged_map" "converged_map.comp" ConvergedMapPush {} &[];
         /// Lists of active tiles.
         TILE_LIST = "tile_list" "tile_list.comp" TileListPush {} &[];
         /// Colour input.

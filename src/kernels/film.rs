@@ -1,11 +1,11 @@
 //! The FiLM vectors: the mean of a map's tokens, and a matrix applied to it.
 //!
-//! The mean is summed in two levels of fixed order, so that every run gives the same bits. Where quiet squares are left
-//! out ([`super::quiet`]), it is estimated: a sample of them stands for all.
+//! The mean is summed in two levels of fixed order, so that every run gives the same bits. Where converged squares are
+//! left out ([`super::converged`]), it is estimated: a sample of them stands for all.
 
 use super::contracts::{self, halves};
 use super::pushes::{FilmVectorPush, TokenSumPush};
-use super::quiet::{MAP_TILE, Sample};
+use super::converged::{MAP_TILE, Sample};
 use super::{
     Access, Addresses, BufferId, Footprint, Kernel, KernelTarget, PushBytes, TokenRect, Traffic, Variant, View,
     by_storage, groups,
@@ -33,10 +33,10 @@ pub struct TokenSum {
     pub computed: Option<Computed>,
 }
 
-/// Which tokens of a map were computed: those of denoised squares and of a sample of the quiet ones.
+/// Which tokens of a map were computed: those of denoised squares and of a sample of the converged ones.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Computed {
-    /// 1 or 0 for every square ([`super::quiet::QuietMap::map`]).
+    /// 1 or 0 for every square ([`super::converged::ConvergedMap::map`]).
     pub map: BufferId,
     /// Squares in a row of it.
     pub columns: u32,

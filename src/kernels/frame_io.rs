@@ -205,9 +205,9 @@ pub struct Output {
     pub tiles: Tiles,
     /// The pixels to write.
     pub region: Region,
-    /// Map of what is to be denoised ([`super::quiet::QuietMap`]). Quiet pixels are the caller's own colour, but for a
-    /// blend of [`super::quiet::BLEND_PIXELS`] beside the others. `None`: everything is denoised.
-    pub quiet: Option<BufferId>,
+    /// Map of what is to be denoised ([`super::converged::ConvergedMap`]). Converged pixels are the caller's own
+    /// colour, but for a blend of [`super::converged::BLEND_PIXELS`] beside the others. `None`: everything is denoised.
+    pub converged: Option<BufferId>,
 }
 
 impl Kernel for Output {
@@ -239,7 +239,7 @@ impl Kernel for Output {
             stats: at.of(self.stats),
             planes: at.frame.planes,
             tiles: at.tiles(&self.tiles),
-            map: self.quiet.map_or(0, |map| at.of(map)),
+            map: self.converged.map_or(0, |map| at.of(map)),
             left: self.region.x,
             top: self.region.y,
             right: self.region.right(),
@@ -249,7 +249,7 @@ impl Kernel for Output {
             first_tile: self.tiles.first(),
             tile_count: self.tiles.count(self.width, self.height),
             flags: self.tiles.flags(self.width)
-                | self.quiet.map_or(0, |_| flags::QUIET)
+                | self.converged.map_or(0, |_| flags::CONVERGED)
                 | if self.radiance { flags::RADIANCE } else { 0 },
             blend: at.frame.blend,
         })
@@ -261,7 +261,7 @@ impl Kernel for Output {
     }
 
     fn others(&self) -> Traffic {
-        let map = self.quiet.map(|map| (map, u64::from(self.width) * u64::from(self.height) / 64));
+        let map = self.converged.map(|map| (map, u64::from(self.width) * u64::from(self.height) / 64));
         Traffic::reading([(self.stats, STATS_FLOATS * 4)].into_iter().chain(map))
     }
 

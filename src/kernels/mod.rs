@@ -20,7 +20,7 @@ pub mod on_matrices;
 pub mod planes;
 pub mod predicted;
 pub(crate) mod pushes;
-pub mod quiet;
+pub mod converged;
 pub mod separable;
 pub mod signals;
 pub mod spirv;
@@ -136,7 +136,7 @@ pub struct FrameArgs {
     /// Device address of the table of planes ([`planes::Planes`]).
     pub planes: u64,
     /// Relative noise below which nothing is denoised, where the plan leaves that out.
-    pub quiet_threshold: f32,
+    pub converged_threshold: f32,
     /// The signal beside the colour that is being recorded.
     pub signal: Option<signals::SignalArgs>,
     /// Factor on the colour; `None`: the frame's own.
@@ -271,7 +271,7 @@ mod flags {
     pub const FILM: u32 = 16;
     pub const SHUFFLE: u32 = 32;
     pub const UNSHUFFLE: u32 = 64;
-    pub const QUIET: u32 = 16;
+    pub const CONVERGED: u32 = 16;
     pub const MEND_FIREFLIES: u32 = 2;
     pub const KEEP_FIREFLIES: u32 = 4;
     pub const GIVEN: u32 = 1;

@@ -198,8 +198,9 @@ pub struct OutputSignal {
     pub tiles: Tiles,
     /// The pixels to write.
     pub region: Region,
-    /// As [`super::frame_io::Output::quiet`]: quiet pixels are the caller's own samples, 0 where they are not finite.
-    pub quiet: Option<BufferId>,
+    /// As [`super::frame_io::Output::converged`]: converged pixels are the caller's own samples, 0 where they are not
+    /// finite.
+    pub converged: Option<BufferId>,
 }
 
 impl Kernel for OutputSignal {
@@ -228,7 +229,7 @@ impl Kernel for OutputSignal {
             direct: at.view(&self.input),
             stats: at.of(self.stats),
             signal: signal.planes,
-            map: self.quiet.map_or(0, |map| at.of(map)),
+            map: self.converged.map_or(0, |map| at.of(map)),
             tiles: at.tiles(&self.tiles),
             left: self.region.x,
             top: self.region.y,
@@ -237,7 +238,7 @@ impl Kernel for OutputSignal {
             src_width: self.filtered.width,
             first_tile: self.tiles.first(),
             tile_count: self.tiles.count(self.width, self.height),
-            flags: self.tiles.flags(self.width) | signal.flags() | self.quiet.map_or(0, |_| flags::QUIET),
+            flags: self.tiles.flags(self.width) | signal.flags() | self.converged.map_or(0, |_| flags::CONVERGED),
             blend: at.frame.blend,
             unused: 0,
         })
@@ -252,7 +253,7 @@ impl Kernel for OutputSignal {
     }
 
     fn others(&self) -> Traffic {
-        let map = self.quiet.map(|map| (map, u64::from(self.width) * u64::from(self.height) / 64));
+        let map = self.converged.map(|map| (map, u64::from(self.width) * u64::from(self.height) / 64));
         Traffic::reading([(self.stats, STATS_FLOATS * 4)].into_iter().chain(map))
     }
 }

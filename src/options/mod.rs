@@ -2,7 +2,7 @@
 //! ([`Report`]).
 
 mod forms;
-mod quiet;
+mod converged;
 
 use crate::error::{Error, Result};
 use crate::frame::Region;
@@ -13,7 +13,7 @@ use std::fmt;
 use std::str::FromStr;
 
 pub use forms::{AttentionForm, ConvAlgorithm, SeparableForm};
-pub use quiet::{Quiet, QuietMargins, QuietMode};
+pub use converged::{Converged, ConvergedMargins, ConvergedMode};
 
 /// Arithmetic and storage of the network.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
@@ -106,7 +106,7 @@ pub struct Options {
     /// [`FrameOptions::features_unchanged`], [`crate::Denoiser::set_features_unchanged`]. It costs device memory.
     pub keep_features: bool,
     /// What is left out as it needs no denoising; `None`: nothing. A frame in tiles is denoised everywhere.
-    pub quiet: Option<Quiet>,
+    pub converged: Option<Converged>,
     /// Whether frames may come with signals that go through the kernels of their colour ([`crate::Signal`],
     /// [`crate::Denoiser::denoise_with`], [`crate::Pass::bind_buffers_with`]). For weights that predict kernels and
     /// nothing else ([`crate::Weights::hybrid_kernels`]); it may cost device memory.
@@ -129,7 +129,7 @@ pub struct Report {
     /// and compiles.
     pub total_ms: f64,
     /// Share of the FLOPs of the whole frame's pass that were computed: 1, or less with
-    /// [`crate::Denoiser::set_region`], [`crate::Denoiser::set_features_unchanged`] and [`Options::quiet`]; more where
+    /// [`crate::Denoiser::set_region`], [`crate::Denoiser::set_features_unchanged`] and [`Options::converged`]; more where
     /// tiles overlap.
     pub work: f64,
     /// Device memory that the library holds on the device, in bytes: arenas, weights and staging of all its denoisers

@@ -1,9 +1,9 @@
-//! What a pass that leaves quiet tiles out has denoised, read after it has run.
+//! What a pass that leaves converged tiles out has denoised, read after it has run.
 
 use super::Dispatch;
 use crate::frame::Extent;
 use crate::kernels::BufferId;
-use crate::kernels::quiet::MapSize;
+use crate::kernels::converged::MapSize;
 use crate::net::op::Stage;
 
 /// A part of the network whose dispatches share a list of tiles.
@@ -15,7 +15,7 @@ pub struct Part {
     pub tile_pixels: u32,
     /// Its tiles, active or not.
     pub tiles: u32,
-    /// Whether a sample of what is quiet is active too, for what is taken of the whole frame.
+    /// Whether a sample of what is converged is active too, for what is taken of the whole frame.
     pub sampled: bool,
 }
 
@@ -76,8 +76,8 @@ impl ActiveTiles {
     }
 }
 
-/// The FLOPs of a recording: what is done whatever is quiet, and for each part of the network what it is with all tiles
-/// active.
+/// The FLOPs of a recording: what is done whatever is converged, and for each part of the network what it is with all
+/// tiles active.
 pub(crate) struct Work {
     fixed: f64,
     parts: Vec<f64>,

@@ -14,7 +14,7 @@ impl Lowering<'_> {
     /// side.
     pub(super) fn aux_projection(&mut self, at: usize) -> Option<(Call, u64, usize)> {
         let graph = self.graph;
-        if self.options.arithmetic != Arithmetic::Matrices || self.options.quiet.is_some() {
+        if self.options.arithmetic != Arithmetic::Matrices || self.options.converged.is_some() {
             return None;
         }
         let ops = graph.ops.get(at..at + OPS)?;

@@ -42,7 +42,7 @@ impl Lowering<'_> {
         let bands =
             widest.div_ceil(self.options.max_chain_bytes.max(1)).min(u64::from(self.padded.height / chain.grain));
         // Lists of active tiles are those of whole maps.
-        if bands < 2 || self.options.quiet.is_some() {
+        if bands < 2 || self.options.converged.is_some() {
             let (call, flops, ops) = self.ops_at(at);
             let op = &self.graph.ops[at + ops - 1];
             self.push(&op.name, op.stage, flops, call);

@@ -5,7 +5,7 @@ use super::bands::Band;
 use super::featureless::{self, For};
 use super::pack::Pack;
 use super::tile::Given;
-use super::{Buffer, Dispatch, Place, Plan, features, hazards, quiet};
+use super::{Buffer, Dispatch, Place, Plan, features, hazards, converged};
 use crate::error::{Error, Result};
 use crate::frame::{Extent, Region};
 use crate::kernels::stats::Counted;
@@ -280,7 +280,7 @@ impl<'a> Lowering<'a> {
             tiles: Tiles::All,
             region: Region::all(self.extent),
             radiance: self.graph.arch.head.kernels().is_some(),
-            quiet: None,
+            converged: None,
         };
         self.push("output", Stage::Output, 0, Call::Output(output));
     }
@@ -308,17 +308,17 @@ impl<'a> Lowering<'a> {
             true => dispatches.into_iter().map(|dispatch| (dispatch, For::Every)).collect(),
             false => featureless::merge(dispatches, &mut self.buffers, self.padded, multiple, options.kernels),
         };
-        let (merged, quiet) = match options.quiet {
+        let (merged, converged) = match options.converged {
             Some(mode) => {
                 let Self { extent, padded, stats, .. } = self;
                 let (keeps_features, kernels) = (options.keep_features, options.kernels);
-                let frame = quiet::Frame { extent, padded, stats, mode, keeps_features, kernels };
-                let (merged, activity) = quiet::apply(merged, &mut self.buffers, &frame);
+                let frame = converged::Frame { extent, padded, stats, mode, keeps_features, kernels };
+                let (merged, activity) = converged::apply(merged, &mut self.buffers, &frame);
                 (merged, Some(activity))
             }
             None => (merged, None),
         };
-        let mut read_after: Vec<BufferId> = quiet.iter().map(|quiet| quiet.buffer).collect();
+        let mut read_after: Vec<BufferId> = converged.iter().map(|converged| converged.buffer).collect();
         let given = options.of_tile.then(|| Given::of(merged.iter().map(|(dispatch, _)| dispatch)));
         read_after.extend(given.iter().flat_map(Given::buffers));
         let kept = &[kept, &read_after].concat()[..];
@@ -386,7 +386,7 @@ impl<'a> Lowering<'a> {
             weights_bytes: self.weights_bytes,
             stats: self.stats,
             keeps_features: options.keep_features,
-            quiet,
+            converged,
             given,
         })
     }

@@ -14,8 +14,8 @@ mod lower;
 mod ops;
 pub mod pack;
 mod predicted;
-pub mod quiet;
-mod quiet_reach;
+pub mod converged;
+mod converged_reach;
 mod region;
 mod signals;
 pub mod tile;
@@ -23,7 +23,7 @@ mod unembed;
 mod winograd;
 
 use crate::frame::Extent;
-use crate::kernels::quiet::{GROUPS_BYTES, list_bytes};
+use crate::kernels::converged::{GROUPS_BYTES, list_bytes};
 use crate::kernels::{BufferId, Call, Grid, KernelTarget, Storage, Tiles, Traffic, Variant, View};
 use crate::net::op::Stage;
 use pack::Pack;
@@ -95,7 +95,7 @@ pub struct Dispatch {
     /// Whether it is for signals beside the colour: recorded once for each of them. These follow each other.
     pub of_signals: bool,
     /// Where the device says how many workgroups there are; `None`: the host knows.
-    pub indirect: Option<quiet::IndirectGroups>,
+    pub indirect: Option<converged::IndirectGroups>,
     /// Whether it is left out of this frame. It keeps its place in the list, and its barrier holds for what comes next.
     pub skipped: bool,
 }
@@ -213,7 +213,7 @@ pub struct Plan {
     /// The frame's statistics ([`crate::kernels::stats`]).
     pub stats: BufferId,
     /// What the device says of tiles that need no denoising; `None` where all are denoised.
-    pub quiet: Option<active::Activity>,
+    pub converged: Option<active::Activity>,
     /// Where a tile of a larger frame takes what is of the whole from; `None`: it is the whole.
     pub given: Option<tile::Given>,
     /// Whether what depends on the features alone is persistent ([`Target::keep_features`]).
@@ -234,10 +234,10 @@ impl Plan {
         }
     }
 
-    /// What tells of a pass after it has run: the statistics, and where quiet tiles are left out [`active::Activity`];
-    /// of a tile its sums.
+    /// What tells of a pass after it has run: the statistics, and where converged tiles are left out
+    /// [`active::Activity`]; of a tile its sums.
     pub fn read_back(&self) -> Vec<BufferId> {
-        let activity = self.quiet.as_ref().map(|quiet| quiet.buffer);
+        let activity = self.converged.as_ref().map(|converged| converged.buffer);
         let sums = self.given.iter().flat_map(|given| given.sums.iter().map(|sums| sums.buffer));
         std::iter::once(self.stats).chain(activity).chain(sums).collect()
     }

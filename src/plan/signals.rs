@@ -59,7 +59,7 @@ impl Lowering<'_> {
             height,
             tiles: Tiles::All,
             region: Region::all(self.extent),
-            quiet: None,
+            converged: None,
         };
         self.push("signal.output", Stage::Output, 0, Call::OutputSignal(output));
         self.dispatches[first..].iter_mut().for_each(|dispatch| dispatch.of_signals = true);

@@ -2,9 +2,9 @@
 
 use super::Reference;
 use super::parameters::Parameters;
-use super::quiet::is_sampled;
+use super::converged::is_sampled;
 use crate::kernels::film::{FilmVector, TokenSum};
-use crate::kernels::quiet::MAP_TILE;
+use crate::kernels::converged::MAP_TILE;
 
 /// Sums of consecutive real tokens, row by row, of those that there are.
 pub fn token_sum(reference: &mut Reference, call: &TokenSum) {

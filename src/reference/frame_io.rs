@@ -8,7 +8,7 @@ use super::tiles;
 use crate::frame::{Extent, Frame, Plane, Samples};
 use crate::kernels::frame_io::{Fireflies, InputAux, InputColor, Output};
 use crate::frame::NoiseKind;
-use crate::kernels::quiet::{BLEND_PIXELS, MAP_TILE};
+use crate::kernels::converged::{BLEND_PIXELS, MAP_TILE};
 use crate::kernels::stats::{EXPOSURE, LARGEST};
 
 /// The network's range: what it is given of exposed colour ends here.
@@ -32,7 +32,7 @@ pub struct FrameData {
     /// What that is.
     pub noise_kind: NoiseKind,
     /// Relative noise up to which nothing is denoised.
-    pub quiet_threshold: f64,
+    pub converged_threshold: f64,
     /// Factor on the colour; `None`: the frame's own.
     pub exposure: Option<f64>,
     /// What is done with fireflies.
@@ -50,7 +50,7 @@ impl FrameData {
     pub fn black(extent: Extent) -> Self {
         let color = vec![0.0; 3 * extent.pixels() as usize];
         let (albedo, normal, depth) = (None, None, None);
-        let (noise, noise_kind, quiet_threshold) = (None, NoiseKind::default(), 0.0);
+        let (noise, noise_kind, converged_threshold) = (None, NoiseKind::default(), 0.0);
         let (far, exposure, fireflies, blend, output_half) = (FAR, None, Fireflies::Auto, 0.0, false);
         Self {
             extent,
@@ -61,7 +61,7 @@ impl FrameData {
             far,
             noise,
             noise_kind,
-            quiet_threshold,
+            converged_threshold,
             exposure,
             fireflies,
             blend,
@@ -183,7 +183,7 @@ pub fn output(reference: &mut Reference, call: &Output) {
     let (residual, log_color) = (reference.map(&call.residual), reference.map(&call.log_color));
     let stats = reference.buffer(call.stats);
     let exposure = stats[EXPOSURE];
-    let map = call.quiet.map(|map| reference.buffer(map));
+    let map = call.converged.map(|map| reference.buffer(map));
     let frame = &reference.frame;
     let most = f64::from(f32::MAX);
     let (blend, end) = (frame.blend, if frame.output_half { LARGEST_HALF } else { most });
@@ -194,7 +194,7 @@ pub fn output(reference: &mut Reference, call: &Output) {
         if !call.region.contains(x as u32, y as u32) {
             continue;
         }
-        let quiet = map.map_or(0.0, |map| quiet_share(map, call.residual.width / MAP_TILE, x, y));
+        let converged = map.map_or(0.0, |map| converged_share(map, call.residual.width / MAP_TILE, x, y));
         let mark = log_color.token(x, y)[3];
         for channel in 0..3 {
             let (c, r) = (log_color.token(x, y)[channel], residual.token(x, y)[channel]);
@@ -209,7 +209,7 @@ pub fn output(reference: &mut Reference, call: &Output) {
                 mixed = if is_lamp { own } else { mixed + (own - linear(c)).max(0.0) };
             }
             let (mixed, own) = (clamp(mixed, end), light_of(sample).min(end));
-            out[3 * (y * width + x) + channel] = match quiet {
+            out[3 * (y * width + x) + channel] = match converged {
                 0.0 => mixed,
                 1.0 => own,
                 share => (1.0 - share) * mixed + share * own,
@@ -220,7 +220,7 @@ pub fn output(reference: &mut Reference, call: &Output) {
 }
 
 /// The caller's share of a pixel: by its distance to the nearest square that is denoised.
-pub fn quiet_share(map: &[f64], columns: u32, x: usize, y: usize) -> f64 {
+pub fn converged_share(map: &[f64], columns: u32, x: usize, y: usize) -> f64 {
     let (columns, side) = (columns as usize, MAP_TILE as usize);
     let beyond = |at: usize, square: usize| {
         let (at, low) = (at as f64 + 0.5, (square * side) as f64);

@@ -16,7 +16,7 @@ mod matrix;
 mod parallel;
 mod parameters;
 mod predicted;
-mod quiet;
+mod converged;
 mod samples;
 mod separable;
 mod signals;
@@ -107,12 +107,12 @@ impl<'a> Reference<'a> {
                 reason: format!("the frame is {found:?}, the plan is for {expected:?}"),
             });
         }
-        let FrameData { output_half, quiet_threshold, fireflies, .. } = self.frame;
+        let FrameData { output_half, converged_threshold, fireflies, .. } = self.frame;
         let signal = self.frame.signal.take();
         self.frame = FrameData::new(frame);
         self.frame.signal = signal;
         (self.frame.exposure, self.frame.blend, self.frame.output_half) = (exposure, blend, output_half);
-        (self.frame.quiet_threshold, self.frame.fireflies) = (quiet_threshold, fireflies);
+        (self.frame.converged_threshold, self.frame.fireflies) = (converged_threshold, fireflies);
         Ok(())
     }
 
@@ -196,10 +196,10 @@ impl<'a> Reference<'a> {
             Call::Output(k) => frame_io::output(self, k),
             Call::InputSignal(k) => signals::input_signal(self, k),
             Call::OutputSignal(k) => signals::output_signal(self, k),
-            Call::TileNoise(k) => quiet::tile_noise(self, k),
-            Call::QuietMap(k) => quiet::quiet_map(self, k),
-            Call::TileList(k) => quiet::tile_list(self, k),
-            Call::Fill(k) => quiet::fill(self, k),
+            Call::TileNoise(k) => converged::tile_noise(self, k),
+            Call::ConvergedMap(k) => converged::converged_map(self, k),
+            Call::TileList(k) => converged::tile_list(self, k),
+            Call::Fill(k) => converged::fill(self, k),
         }
     }
 
@@ -219,8 +219,8 @@ impl<'a> Reference<'a> {
     }
 
     /// Relative noise up to which nothing is denoised.
-    pub fn set_quiet_threshold(&mut self, threshold: f64) {
-        self.frame.quiet_threshold = threshold;
+    pub fn set_converged_threshold(&mut self, threshold: f64) {
+        self.frame.converged_threshold = threshold;
     }
 
     /// Fills a list of active tiles, each `(x, y)`.

@@ -1,12 +1,12 @@
 //! Twins of the kernels for signals beside the colour ([`crate::kernels::signals`]).
 
 use super::Reference;
-use super::frame_io::{LARGEST_HALF, RANGE, clamp, fill, quiet_share};
+use super::frame_io::{LARGEST_HALF, RANGE, clamp, fill, converged_share};
 use super::map::Map;
 use super::predicted::demodulator;
 use super::samples::{Mending, Way, light_of};
 use super::tiles;
-use crate::kernels::quiet::MAP_TILE;
+use crate::kernels::converged::MAP_TILE;
 use crate::kernels::signals::{InputSignal, OutputSignal};
 use crate::kernels::stats::{EXPOSURE, LARGEST};
 use crate::signals::SignalKind;
@@ -125,7 +125,7 @@ pub fn input_signal(reference: &mut Reference, call: &InputSignal) {
 pub fn output_signal(reference: &mut Reference, call: &OutputSignal) {
     let [filtered, color, input] = [&call.filtered, &call.color, &call.input].map(|view| reference.map(view));
     let stats = reference.buffer(call.stats);
-    let map = call.quiet.map(|map| reference.buffer(map));
+    let map = call.converged.map(|map| reference.buffer(map));
     let frame = &reference.frame;
     let Some(mut signal) = frame.signal.clone() else { return };
     let inverse = if signal.is_light() { 1.0 / stats[EXPOSURE] } else { 1.0 };
@@ -137,7 +137,7 @@ pub fn output_signal(reference: &mut Reference, call: &OutputSignal) {
         if !call.region.contains(x as u32, y as u32) {
             continue;
         }
-        let quiet = map.map_or(0.0, |map| quiet_share(map, call.filtered.width / MAP_TILE, x, y));
+        let converged = map.map_or(0.0, |map| converged_share(map, call.filtered.width / MAP_TILE, x, y));
         let direct = input.token(x, y);
         for c in 0..signal.channels {
             let (clean, largest) = (clamp(color.token(x, y)[c] * inverse, most), stats[LARGEST + c]);
@@ -146,7 +146,7 @@ pub fn output_signal(reference: &mut Reference, call: &OutputSignal) {
             let kernels = if alone { 0.0 } else { (1.0 - blend) * filtered.token(x, y)[c] * inverse * cut };
             let denoised = (kernels + direct[4 + c] * inverse).clamp(-end, end);
             let own = Some(signal.samples(y * width + x)[c]).filter(|own| own.is_finite()).map_or(0.0, f64::from);
-            let mixed = match quiet {
+            let mixed = match converged {
                 0.0 => denoised,
                 1.0 => own.clamp(-end, end),
                 share => (1.0 - share) * denoised + share * own.clamp(-end, end),

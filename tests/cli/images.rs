@@ -76,7 +76,7 @@ fn a_region_is_the_whole_cropped() {
 
 /// Whatever has less noise than the threshold stays as it is, by the layers that say so or by the image.
 #[test]
-fn what_is_quiet_keeps_its_pixels() {
+fn what_is_converged_keeps_its_pixels() {
     let d = Directory::new();
     let noisy = d.exr("noisy.exr", &format!("{FEATURES} variance.Y"), 1.5);
     let counts = d.exr("counts.exr", "samples", 0.0);

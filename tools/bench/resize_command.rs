@@ -32,8 +32,11 @@ pub struct ResizeArgs {
 /// object a size.
 pub fn run(args: &ResizeArgs) -> stress::Result<()> {
     let device = Device::open(&args.device)?;
-    let options =
-        Options { precision: args.quality.precision(&device), quiet: args.quality.quiet(), ..Options::default() };
+    let options = Options {
+        precision: args.quality.precision(&device),
+        converged: args.quality.converged(),
+        ..Options::default()
+    };
     let denoiser = Denoiser::new(&device, &args.quality.weights()?, &options)?;
     let part = |percent: &u32| {
         let side = |side: u32| (u64::from(side) * u64::from(*percent) / 100).max(1) as u32;

@@ -4,7 +4,7 @@ use crate::ranges::Frames;
 use clap::{Parser, ValueEnum};
 use std::path::PathBuf;
 use vkdenoise::exr_io::{AovLayer, FeatureSource, SignalLayers};
-use vkdenoise::{Cache, DeviceSelector, Exposure, Fireflies, Precision, Quality, Quiet, QuietMode, Region};
+use vkdenoise::{Cache, Converged, ConvergedMode, DeviceSelector, Exposure, Fireflies, Precision, Quality, Region};
 
 /// Denoises OpenEXR renders with Vulkan.
 ///
@@ -129,8 +129,8 @@ pub struct Args {
 
     /// What is left out with them: "approximate" (as much as is hardly visible) or "exact" (what the rest does not
     /// depend on)
-    #[arg(long, value_name = "M", default_value = "approximate", value_parser = parsed::<QuietMode>)]
-    pub skip_mode: QuietMode,
+    #[arg(long, value_name = "M", default_value = "approximate", value_parser = parsed::<ConvergedMode>)]
+    pub skip_mode: ConvergedMode,
 
     /// Separate file (or frame pattern) of the luminance's variance, for --skip-below; "none": use none
     #[arg(long, value_name = "F", value_parser = feature)]
@@ -207,9 +207,9 @@ impl Args {
     }
 
     /// What is left out as it needs no denoising.
-    pub fn quiet(&self) -> Option<Quiet> {
-        let threshold = self.skip_below.or_else(|| self.quality.quiet().map(|quiet| quiet.threshold));
-        threshold.filter(|&noise| noise > 0.0).map(|threshold| Quiet { threshold, mode: self.skip_mode })
+    pub fn converged(&self) -> Option<Converged> {
+        let threshold = self.skip_below.or_else(|| self.quality.converged().map(|converged| converged.threshold));
+        threshold.filter(|&noise| noise > 0.0).map(|threshold| Converged { threshold, mode: self.skip_mode })
     }
 }
 

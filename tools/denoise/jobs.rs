@@ -72,7 +72,7 @@ pub fn plan(args: &Args) -> Result<Plan, Failure> {
         other => Ok(other.clone().unwrap_or_default()),
     };
     // Layers that nobody asks for are not read.
-    let noise = |source: &Option<FeatureSource>, input: &FrameFile| match args.quiet() {
+    let noise = |source: &Option<FeatureSource>, input: &FrameFile| match args.converged() {
         Some(_) => with(source, input),
         None => Ok(FeatureSource::Unused),
     };

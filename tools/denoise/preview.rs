@@ -4,7 +4,7 @@ use image::{ExtendedColorType, ImageEncoder, codecs::png::PngEncoder};
 use std::borrow::Cow;
 use std::path::Path;
 use vkdenoise::exr_io::{ExrError, replace_file};
-use vkdenoise::kernels::quiet::MAP_TILE;
+use vkdenoise::kernels::converged::MAP_TILE;
 use vkdenoise::{ActiveTiles, Extent, Region};
 
 /// The pixels of a region of an image of `extent`, interleaved RGB; all of them without one.

@@ -33,7 +33,7 @@ pub struct Outcome<'a> {
     pub network: &'a str,
     pub precision: String,
     pub report: &'a Report,
-    /// What was denoised, where quiet squares are left out.
+    /// What was denoised, where converged squares are left out.
     pub active: Option<&'a ActiveTiles>,
     pub selection: &'a Selection,
     /// Before and after, if there is a reference.
@@ -215,7 +215,7 @@ impl Outcome<'_> {
         let part = self.region.map_or(String::new(), |Region { x, y, width, height }| {
             format!("{width} x {height} from ({x}, {y}), {:.1} % of the work, of ", 100.0 * report.work)
         });
-        let quiet = self.active.map_or(String::new(), |active| {
+        let converged = self.active.map_or(String::new(), |active| {
             let denoised = 100.0 * active.denoised(self.extent);
             format!(", {denoised:.1} % of it denoised for {:.1} % of the work", 100.0 * report.work)
         });
@@ -223,7 +223,7 @@ impl Outcome<'_> {
             format!(" in {count} tiles with margins of {margin}")
         });
         format!(
-            "{}{}: {part}{width} x {height}{tiles}{quiet}, exposure {:.4}, {} {} in {:.1} ms{gpu} ({})",
+            "{}{}: {part}{width} x {height}{tiles}{converged}, exposure {:.4}, {} {} in {:.1} ms{gpu} ({})",
             self.job.output,
             view_text(self.selection),
             report.exposure,

@@ -62,7 +62,7 @@ impl Engine {
             blend: *blend,
             fireflies: *fireflies,
             memory_budget: memory_budget.map(|mib| mib << 20),
-            quiet: args.quiet(),
+            converged: args.converged(),
             signals: !args.signals().is_empty(),
             ..Options::default()
         };

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 use vkdenoise::kernels::winograd::WinogradTile;
 use vkdenoise::net::{Arch, Folds, Head};
 use vkdenoise::options::{AttentionForm, ConvAlgorithm, SeparableForm};
-use vkdenoise::{DeviceSelector, Extent, Precision, QuietMode, Region};
+use vkdenoise::{ConvergedMode, DeviceSelector, Extent, Precision, Region};
 
 /// Where the time goes: networks, blocks and convolutions, kernel by kernel, by timestamps in the command buffer.
 ///
@@ -57,10 +57,10 @@ pub enum Command {
         region: Option<Region>,
         /// Have sample counts say that this share of the frame's rows needs no denoising, from 0 to 1
         #[arg(long, value_name = "SHARE", value_parser = share)]
-        quiet: Option<f64>,
+        converged: Option<f64>,
         /// How that is left out: exact or approximate
-        #[arg(long, value_name = "M", default_value = "approximate", value_parser = quiet_mode, requires = "quiet")]
-        quiet_mode: QuietMode,
+        #[arg(long, value_name = "M", default_value = "approximate", value_parser = converged_mode, requires = "converged")]
+        converged_mode: ConvergedMode,
         /// Albedo, normal and depth of the frame
         #[arg(long, value_name = "F", default_value = "all")]
         features: Given,
@@ -257,7 +257,7 @@ fn share(text: &str) -> Result<f64, String> {
     }
 }
 
-fn quiet_mode(text: &str) -> Result<QuietMode, String> {
+fn converged_mode(text: &str) -> Result<ConvergedMode, String> {
     text.parse().map_err(|error: vkdenoise::Error| error.to_string())
 }
 

@@ -10,8 +10,8 @@ use serde_json::json;
 use vkdenoise::net::{Arch, DepthRule, ExposureRule, Head, Preprocessing};
 use vkdenoise::vk::statistics::PipelineStatistic;
 use vkdenoise::{
-    ActiveTiles, Denoiser, Error, Extent, Features, Frame, KernelRecord, Layout, Noise, NoiseKind, Options, Part,
-    Plane, PlaneMut, Quiet, QuietMode, Region, Report, Weights,
+    ActiveTiles, Converged, ConvergedMode, Denoiser, Error, Extent, Features, Frame, KernelRecord, Layout, Noise,
+    NoiseKind, Options, Part, Plane, PlaneMut, Region, Report, Weights,
 };
 
 /// What the passes measured.
@@ -26,7 +26,7 @@ pub struct Measured {
     pub profiled_cpu: Option<Summary>,
     /// Share of the FLOPs of a whole frame with all features.
     pub work: f64,
-    /// Milliseconds of the pass, and of its CPU time, with nothing left out that is quiet; where something is.
+    /// Milliseconds of the pass, and of its CPU time, with nothing left out that is converged; where something is.
     pub all: Option<(Summary, Option<Summary>)>,
     /// What was denoised then.
     pub active: Option<ActiveTiles>,
@@ -44,14 +44,14 @@ pub struct Subject {
     pub options: Options,
     pub region: Option<Region>,
     /// The share of the rows that need no denoising, and how they are left out.
-    pub quiet: Option<(f64, QuietMode)>,
+    pub converged: Option<(f64, ConvergedMode)>,
     pub features: Given,
 }
 
 impl Subject {
     /// A whole frame with everything.
     pub fn whole(extent: Extent) -> Self {
-        Self { extent, options: Options::default(), region: None, quiet: None, features: Given::All }
+        Self { extent, options: Options::default(), region: None, converged: None, features: Given::All }
     }
 }
 
@@ -64,12 +64,12 @@ pub fn weights(arch: &Arch) -> Result<Weights, Error> {
 
 /// Runs a network on a frame; plain and profiled passes in turn, where `profile` and the device allow.
 pub fn measure(session: &Session, arch: &Arch, subject: &Subject, profile: bool) -> Result<Measured, Error> {
-    let Subject { extent, region, features: given, quiet: left_out, .. } = *subject;
+    let Subject { extent, region, features: given, converged: left_out, .. } = *subject;
     let options = Options { keep_features: given == Given::Unchanged, ..subject.options };
-    let quiet = left_out.map(|(_, mode)| Quiet { threshold: 0.1, mode });
+    let converged = left_out.map(|(_, mode)| Converged { threshold: 0.1, mode });
     let weights = weights(arch)?;
-    let mut denoiser = Denoiser::new(&session.device, &weights, &Options { quiet, ..options })?;
-    let mut whole = quiet.map(|_| Denoiser::new(&session.device, &weights, &options)).transpose()?;
+    let mut denoiser = Denoiser::new(&session.device, &weights, &Options { converged, ..options })?;
+    let mut whole = converged.map(|_| Denoiser::new(&session.device, &weights, &options)).transpose()?;
     let pixels = extent.pixels() as usize;
     // Any picture does as well.
     let noise = |i: usize| (i.wrapping_mul(2_654_435_761) >> 16 & 0xffff) as f32 / 65536.0;
@@ -180,7 +180,7 @@ pub fn network(
         let report = json!({
             "session": session.header(), "network": name, "width": extent.width, "height": extent.height,
             "region": subject.region.map(|Region { x, y, width, height }| [x, y, width, height]), "work": measured.work,
-            "quiet": measured.active.as_ref().map(|active| quiet_json(&measured, active, extent)),
+            "converged": measured.active.as_ref().map(|active| converged_json(&measured, active, extent)),
             "pass_ms": measured.plain, "pass_cpu_ms": measured.cpu,
             "profiled_pass_ms": measured.profiled, "profiled_pass_cpu_ms": measured.profiled_cpu, "kernels_ms": kernels_ms, "kernels_share": measured.kernels_share,
             "kernels": rows, "by_stage": by_stage, "by_kernel": by_kernel,
@@ -208,7 +208,7 @@ pub fn network(
         println!("\nactive tiles:");
         for (at, (part, count)) in active.parts.iter().enumerate() {
             let Part { stage, tile_pixels, tiles, sampled } = part;
-            let with = if *sampled { ", with a sample of what is quiet" } else { "" };
+            let with = if *sampled { ", with a sample of what is converged" } else { "" };
             println!(
                 "  {stage:10} {tile_pixels:4} pixels {:6.1} %  {count} of {tiles}{with}",
                 100.0 * active.share(at)
@@ -238,7 +238,7 @@ pub fn network(
     Ok(())
 }
 
-fn quiet_json(measured: &Measured, active: &ActiveTiles, extent: Extent) -> serde_json::Value {
+fn converged_json(measured: &Measured, active: &ActiveTiles, extent: Extent) -> serde_json::Value {
     let part = |(at, (part, count)): (usize, &(Part, u32))| {
         let Part { stage, tile_pixels, tiles, sampled } = part;
         json!({ "stage": stage.to_string(), "sampled": sampled, "tile_pixels": tile_pixels, "active": count, "tiles": tiles, "share": active.share(at) })

@@ -11,7 +11,9 @@ use std::ops::ControlFlow;
 use std::sync::{Mutex, MutexGuard, PoisonError};
 use std::thread::{self, ThreadId};
 use vkdenoise::Weights;
-use vkdenoise::{Extent, Options as CoreOptions, Precision as CorePrecision, Quality as CoreQuality, Quiet, QuietMode};
+use vkdenoise::{
+    Converged, ConvergedMode, Extent, Options as CoreOptions, Precision as CorePrecision, Quality as CoreQuality,
+};
 
 /// A network on a device. Calls from several threads wait for each other.
 pub struct Denoiser {
@@ -97,7 +99,8 @@ pub struct Options {
     /// 1: what depends on albedo, normal and depth alone is kept between frames, for
     /// vkdenoise_frame_options.aux_unchanged. It costs device memory.
     pub keep_aux: u32,
-    /// 1: frames may come with signals (vkdenoise_frame.signals). For VKDENOISE_QUALITY_HIGH; it may cost device memory.
+    /// 1: frames may come with signals (vkdenoise_frame.signals). For VKDENOISE_QUALITY_HIGH; it may cost device
+    /// memory.
     pub signals: u32,
     /// 1: recordings label every kernel, and not the pass alone, for graphics debuggers (VK_EXT_debug_utils).
     pub label_kernels: u32,
@@ -160,14 +163,14 @@ pub unsafe extern "C" fn vkdenoise_denoiser_create(
             CorePrecision::Auto => quality.precision(device),
             asked => asked,
         };
-        let quiet = match options.skip_below {
-            0.0 => quality.quiet(),
+        let converged = match options.skip_below {
+            0.0 => quality.converged(),
             below if below < 0.0 => None,
-            threshold => Some(Quiet { threshold, mode: QuietMode::default() }),
+            threshold => Some(Converged { threshold, mode: ConvergedMode::default() }),
         };
         let options = CoreOptions {
             precision,
-            quiet,
+            converged,
             memory_budget: (options.memory_budget > 0).then_some(options.memory_budget),
             keep_features: flag(options.keep_aux, "keep_aux")?,
             signals: flag(options.signals, "signals")?,

@@ -101,7 +101,7 @@ impl Denoiser {
             weights,
             precision: precision.parse().map_err(raised)?,
             blend,
-            quiet: settings::quiet(quality, skip_below, skip_mode.parse().map_err(raised)?),
+            converged: settings::converged(quality, skip_below, skip_mode.parse().map_err(raised)?),
             memory_budget,
             keep_features,
             signals,

@@ -5,8 +5,8 @@ use pyo3::exceptions::PyValueError;
 use pyo3::prelude::*;
 use std::path::PathBuf;
 use vkdenoise::{
-    Cache, Device, DeviceOptions, DeviceSelector, Exposure, Fireflies, Options, Precision, Quality, Quiet, QuietMode,
-    Region, Weights,
+    Cache, Converged, ConvergedMode, Device, DeviceOptions, DeviceSelector, Exposure, Fireflies, Options, Precision,
+    Quality, Region, Weights,
 };
 
 /// A device by its index or by part of its name.
@@ -38,7 +38,7 @@ pub struct Settings {
     pub weights: Option<PathBuf>,
     pub precision: Precision,
     pub blend: f32,
-    pub quiet: Option<Quiet>,
+    pub converged: Option<Converged>,
     pub memory_budget: Option<u64>,
     pub keep_features: bool,
     pub signals: bool,
@@ -55,9 +55,9 @@ pub fn selector(choice: Option<DeviceChoice>) -> PyResult<DeviceSelector> {
 }
 
 /// What is left out: what `skip_below` says, else what the quality does; 0 is nothing.
-pub fn quiet(quality: Quality, skip_below: Option<f32>, mode: QuietMode) -> Option<Quiet> {
-    let threshold = skip_below.or_else(|| quality.quiet().map(|quiet| quiet.threshold));
-    threshold.filter(|&threshold| threshold != 0.0).map(|threshold| Quiet { threshold, mode })
+pub fn converged(quality: Quality, skip_below: Option<f32>, mode: ConvergedMode) -> Option<Converged> {
+    let threshold = skip_below.or_else(|| quality.converged().map(|converged| converged.threshold));
+    threshold.filter(|&threshold| threshold != 0.0).map(|threshold| Converged { threshold, mode })
 }
 
 /// A folder, or `"user"` or `"off"`.
@@ -90,7 +90,7 @@ impl Settings {
         let options = Options {
             precision,
             blend: self.blend,
-            quiet: self.quiet,
+            converged: self.converged,
             memory_budget: self.memory_budget,
             keep_features: self.keep_features,
             signals: self.signals,

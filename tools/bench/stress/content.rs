@@ -57,11 +57,11 @@ fn sky(scene: &mut Scene) {
 /// A frame that is padded to one step of the network's grid.
 const EXTENT: Extent = Extent::new(61, 47);
 
-/// The frame of tiers that leave quiet squares out: of tiles of every part of the network some are left out.
+/// The frame of tiers that leave converged squares out: of tiles of every part of the network some are left out.
 const LARGE: Extent = Extent::new(256, 256);
 
 fn content(subject: &mut Subject, effort: Effort, change: fn(&mut Scene)) -> Result<Vec<Measured>> {
-    let leaves_out = subject.as_engine().is_some_and(|engine| engine.tier.quiet.is_some());
+    let leaves_out = subject.as_engine().is_some_and(|engine| engine.tier.converged.is_some());
     let mut scene = Scene::new(if leaves_out { LARGE } else { EXTENT }, 7);
     change(&mut scene);
     let mut sound = sound();
@@ -77,7 +77,7 @@ fn content(subject: &mut Subject, effort: Effort, change: fn(&mut Scene)) -> Res
     }
     // The reference takes its time; colour at its ends is where it can differ most.
     let wanted = effort == Effort::Everything || scene.color != Scene::new(EXTENT, 7).color;
-    // Quiet squares keep their input, which is not what the network makes of them.
+    // Converged squares keep their input, which is not what the network makes of them.
     if let Some(engine) = subject.as_engine().filter(|_| wanted && !leaves_out) {
         figures.push(to_reference(engine, &scene)?);
     }

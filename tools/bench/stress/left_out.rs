@@ -1,11 +1,11 @@
-//! What tiers that leave quiet squares out leave out: what the scene's sample counts say and nothing else, and how the
-//! rest differs from the whole frame's pass.
+//! What tiers that leave converged squares out leave out: what the scene's sample counts say and nothing else, and how
+//! the rest differs from the whole frame's pass.
 
 use super::moves::tone_mapped_db;
 use super::scene::{CONVERGED, Scene};
 use super::{Bound, Measured, Result};
-use vkdenoise::kernels::quiet::MAP_TILE;
-use vkdenoise::{ActiveTiles, Denoiser, Layout, PlaneMut, QuietMode};
+use vkdenoise::kernels::converged::MAP_TILE;
+use vkdenoise::{ActiveTiles, ConvergedMode, Denoiser, Layout, PlaneMut};
 
 /// Keys above which a pixel that stands alone is a firefly, whose square is denoised.
 const FIREFLY: f64 = 1000.0;
@@ -28,7 +28,7 @@ fn squares(scene: &Scene, active: &ActiveTiles) -> Vec<(bool, Vec<usize>)> {
 /// What the calls of a case left out.
 #[derive(Default)]
 pub struct LeftOut {
-    /// Calls of denoisers that leave quiet squares out.
+    /// Calls of denoisers that leave converged squares out.
     calls: usize,
     /// Those that left some out, but not all.
     partial: usize,
@@ -37,7 +37,7 @@ pub struct LeftOut {
 }
 
 impl LeftOut {
-    /// Takes in a denoiser's latest call, where it leaves quiet squares out.
+    /// Takes in a denoiser's latest call, where it leaves converged squares out.
     ///
     /// # Errors
     /// None that a scene can cause.
@@ -88,10 +88,10 @@ impl LeftOut {
 pub fn against_whole(
     scene: &Scene,
     output: &[f32],
-    quiet: (&Denoiser, QuietMode),
+    converged: (&Denoiser, ConvergedMode),
     whole: &mut Denoiser,
 ) -> Result<Measured> {
-    let (denoiser, mode) = quiet;
+    let (denoiser, mode) = converged;
     let mut full = vec![f32::NAN; scene.color.len()];
     whole.denoise(&scene.frame(), PlaneMut::f32(&mut full, Layout::interleaved(scene.extent, 3)))?;
     let squares = denoiser.active_tiles().map_or(Vec::new(), |active| squares(scene, active));
@@ -99,12 +99,12 @@ pub fn against_whole(
     let of = |values: &[f32]| denoised.iter().flat_map(|pixel| values[3 * pixel..][..3].to_vec()).collect::<Vec<_>>();
     let (own, full) = (of(output), of(&full));
     Ok(match mode {
-        QuietMode::Exact => {
+        ConvergedMode::Exact => {
             let mut other = Measured::new("samples of other bits than the whole frame's", Bound::AtMost(0.0));
             other.take(own.iter().zip(&full).filter(|(a, b)| a.to_bits() != b.to_bits()).count() as f64, "");
             other
         }
-        QuietMode::Approximate(_) => {
+        ConvergedMode::Approximate(_) => {
             let mut close = Measured::new("tone-mapped dB to the whole frame's", Bound::AtLeast(50.0));
             close.take(tone_mapped_db(&own, &full, scene.key()?)?, "");
             close

@@ -148,7 +148,7 @@ pub fn cases() -> Vec<Case> {
 }
 
 impl Case {
-    /// Measures a subject; of a tier that leaves quiet squares out, also what it left out.
+    /// Measures a subject; of a tier that leaves converged squares out, also what it left out.
     ///
     /// # Errors
     /// As [`Subject::denoise`].

@@ -54,7 +54,7 @@ pub struct FarMoves {
     /// Tiers with halves: the same of 32-bit floats, and what is shown of a move.
     halves: Option<(Vec<f32>, Measured)>,
     moved: Measured,
-    /// Tiers that leave quiet squares out: how the undisturbed frame's others differ from the whole frame's pass.
+    /// Tiers that leave converged squares out: how the undisturbed frame's others differ from the whole frame's pass.
     whole: Option<Measured>,
 }
 

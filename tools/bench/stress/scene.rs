@@ -3,7 +3,7 @@
 
 use super::Result;
 use super::random::Random;
-use vkdenoise::kernels::quiet::MAP_TILE;
+use vkdenoise::kernels::converged::MAP_TILE;
 use vkdenoise::kernels::stats::{Clear, Counted, HISTOGRAM_BYTES, Histogram, KEY, STATS_FLOATS, Select, TileStats};
 use vkdenoise::kernels::{BufferId, Call, Storage};
 use vkdenoise::plan::{Buffer, Place};

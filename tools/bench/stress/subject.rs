@@ -11,7 +11,7 @@ use vkdenoise::kernels::winograd::WinogradTile;
 use vkdenoise::net::{Folds, Graph};
 use vkdenoise::options::{ConvAlgorithm, SeparableForm};
 use vkdenoise::testing::{Bench, denoiser_with_kernels};
-use vkdenoise::{Denoiser, Device, Layout, Options, PlaneMut, Precision, Quiet, QuietMode, Weights};
+use vkdenoise::{Converged, ConvergedMode, Denoiser, Device, Layout, Options, PlaneMut, Precision, Weights};
 
 /// How much a tier may differ where the input is only scaled.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
@@ -37,13 +37,13 @@ pub struct Tier {
     pub conv: ConvAlgorithm,
     /// Whether operations are folded and fused as the engine prefers; else each is a kernel.
     pub fused: bool,
-    /// Which quiet squares are left out, and how; `None`: none are.
-    pub quiet: Option<Quiet>,
+    /// Which converged squares are left out, and how; `None`: none are.
+    pub converged: Option<Converged>,
 }
 
-/// Relative noise up to which tiers that leave quiet squares out do so: that of [`super::scene::CONVERGED`] samples,
-/// and a little.
-const QUIET_THRESHOLD: f32 = 0.02;
+/// Relative noise up to which tiers that leave converged squares out do so: that of [`super::scene::CONVERGED`]
+/// samples, and a little.
+const CONVERGED_THRESHOLD: f32 = 0.02;
 
 impl Tier {
     /// 32-bit floats and direct convolutions, with the kernels that the engine prefers on a device. By itself it takes
@@ -56,7 +56,7 @@ impl Tier {
             cpu_kernels: Bench::default_target(device).cpu,
             conv: ConvAlgorithm::Direct,
             fused: true,
-            quiet: None,
+            converged: None,
         }
     }
 
@@ -72,9 +72,13 @@ impl Tier {
         if preferred.cpu_kernels {
             tiers.push(Self { name: "fp32, portable kernels", cpu_kernels: false, ..preferred });
         }
-        let quiet = |name, mode| Self { name, quiet: Some(Quiet { threshold: QUIET_THRESHOLD, mode }), ..preferred };
-        tiers.push(quiet("fp32, quiet left out exactly", QuietMode::Exact));
-        tiers.push(quiet("fp32, quiet left out approximately", QuietMode::default()));
+        let converged = |name, mode| Self {
+            name,
+            converged: Some(Converged { threshold: CONVERGED_THRESHOLD, mode }),
+            ..preferred
+        };
+        tiers.push(converged("fp32, converged left out exactly", ConvergedMode::Exact));
+        tiers.push(converged("fp32, converged left out approximately", ConvergedMode::default()));
         if Bench::can_store_halves(device) {
             let halves = Self { precision: Precision::F16, exactness: Exactness::Half, ..preferred };
             let winograd = |name, tile| Self { name, conv: ConvAlgorithm::Winograd(tile), ..halves };
@@ -92,13 +96,17 @@ impl Tier {
     }
 
     /// [`Tier::all`], and what is a matter of time alone or of taste: nothing fused, a higher threshold of what is
-    /// quiet.
+    /// converged.
     pub fn swept(device: &Device) -> Vec<Self> {
         let preferred = Self::preferred(device);
-        let quiet = Quiet { threshold: 0.1, mode: QuietMode::default() };
+        let converged = Converged { threshold: 0.1, mode: ConvergedMode::default() };
         let mut tiers = Self::all(device);
         tiers.push(Self { name: "fp32, nothing fused", fused: false, ..preferred });
-        tiers.push(Self { name: "fp32, quiet below 0.1 left out approximately", quiet: Some(quiet), ..preferred });
+        tiers.push(Self {
+            name: "fp32, converged below 0.1 left out approximately",
+            converged: Some(converged),
+            ..preferred
+        });
         tiers
     }
 
@@ -108,7 +116,8 @@ impl Tier {
     /// # Errors
     /// As [`Denoiser::new`].
     pub fn denoiser(&self, device: &Device, weights: &Weights, options: &Options) -> Result<Denoiser> {
-        let mut options = Options { precision: self.precision, conv: Some(self.conv), quiet: self.quiet, ..*options };
+        let mut options =
+            Options { precision: self.precision, conv: Some(self.conv), converged: self.converged, ..*options };
         if !self.fused {
             options = Options { folds: Some(Folds::NONE), separable: Some(SeparableForm::TwoKernels), ..options };
         }
@@ -177,12 +186,12 @@ impl Engine {
     /// # Errors
     /// As [`Denoiser::denoise`].
     pub fn against_whole(&mut self, scene: &Scene) -> Result<Option<Measured>> {
-        let Some(Quiet { mode, .. }) = self.tier.quiet else { return Ok(None) };
+        let Some(Converged { mode, .. }) = self.tier.converged else { return Ok(None) };
         let output = self.denoise(scene)?;
         let whole = match &mut self.whole {
             Some(whole) => whole,
             none => {
-                let tier = Tier { quiet: None, ..self.tier };
+                let tier = Tier { converged: None, ..self.tier };
                 none.insert(tier.denoiser(&self.device, &self.weights, &Options::default())?)
             }
         };

@@ -151,7 +151,7 @@ class Batches:
         self.eight = torch.arange(8, device=store.device)[None]
         self.missing = to([0.0, 0, 0, 0.5, 0.5, 0.5, 0]).view(1, 7, 1, 1)
         procedural = store.count - store.real
-        self.quiet = (store.noise < changes.clean_below).nonzero().flatten()
+        self.converged = (store.noise < changes.clean_below).nonzero().flatten()
         self.share = changes.real if 0 < store.real < store.count else float(procedural == 0)
 
     def random(self, *shape):
@@ -169,12 +169,12 @@ class Batches:
         hardly any."""
         n, store, changes = self.size, self.store, self.changes
         real = self.chosen(self.share)
-        clean = self.chosen(changes.clean * (len(self.quiet) > 0))
+        clean = self.chosen(changes.clean * (len(self.converged) > 0))
         # No torch.where between numbers: they would be copied to the device, which a graph cannot do.
         count = (real * store.real + ~real * (store.count - store.real)).clamp_min(1)
         crop = (~real * store.real + self.below_of(count, n)).clamp_max(store.count - 1)
-        if len(self.quiet):
-            crop = torch.where(clean, self.quiet[self.below_of(len(self.quiet), n)], crop)
+        if len(self.converged):
+            crop = torch.where(clean, self.converged[self.below_of(len(self.converged), n)], crop)
         u = self.random(n)
         one = sum((u > limit).long() for limit in self.below)
         other = self.below_of(len(LEVELS), n)

@@ -1,5 +1,5 @@
 //! Leaving out tiles that need no denoising: every dispatch of the network runs over a list of tiles that the device
-//! makes of its map of what is quiet.
+//! makes of its map of what is converged.
 //!
 //! Dispatches of one part of the network at one resolution share a list. A list's tile is active where it looks at a
 //! square of the map that is to be denoised; how far it looks is known here:
@@ -9,19 +9,19 @@
 //!
 //! What the whole frame is needed of, the features whose mean FiLM takes, stays whole in exact mode. In approximate
 //! mode the mean is estimated, and their lists have the squares of a regular sample too ([`Sample`]), which stand for
-//! all quiet ones.
+//! all converged ones.
 
 use super::active::{Activity, Part};
 use super::featureless::For;
-use super::quiet_reach::{reach_by_margins, reach_exactly, read_beyond};
+use super::converged_reach::{reach_by_margins, reach_exactly, read_beyond};
 use super::region::{needed_tokens, set_region};
 use super::{Buffer, Dispatch, Place, Plan};
 use crate::frame::{Extent, Region};
 use crate::kernels::film::Computed;
-use crate::kernels::quiet::{Fill, MapSize, QuietMap, REACHES, Reach, Sample, TileList, TileNoise, list_bytes};
+use crate::kernels::converged::{Fill, MapSize, ConvergedMap, REACHES, Reach, Sample, TileList, TileNoise, list_bytes};
 use crate::kernels::{BufferId, Call, Grid, KernelTarget, Storage, TILE, Tiles, View};
 use crate::net::op::Stage;
-use crate::options::QuietMode;
+use crate::options::ConvergedMode;
 use std::collections::HashMap;
 
 /// Squares of a frame that are to be sampled, at least: the more there are, the better they stand for all.
@@ -56,11 +56,11 @@ impl IndirectGroups {
 }
 
 impl Plan {
-    /// Restricts dispatches of a plan that leaves quiet tiles out: what lies outside the region is quiet.
-    pub(crate) fn quiet_outside(&self, region: Region, dispatches: &mut [Dispatch]) {
+    /// Restricts dispatches of a plan that leaves converged tiles out: what lies outside the region is converged.
+    pub(crate) fn converged_outside(&self, region: Region, dispatches: &mut [Dispatch]) {
         set_region(region, dispatches);
         for dispatch in dispatches {
-            if let Call::QuietMap(map) = &mut dispatch.call {
+            if let Call::ConvergedMap(map) = &mut dispatch.call {
                 map.region = region;
             }
         }
@@ -72,7 +72,7 @@ pub(super) struct Frame {
     pub extent: Extent,
     pub padded: Extent,
     pub stats: BufferId,
-    pub mode: QuietMode,
+    pub mode: ConvergedMode,
     pub keeps_features: bool,
     pub kernels: KernelTarget,
 }
@@ -95,40 +95,40 @@ pub(super) fn apply(merged: Merged, buffers: &mut Vec<Buffer>, frame: &Frame) ->
     let scopes = scopes(&merged, frame);
     let (mut lists, list_of) = part(&merged, &scopes, frame.padded);
     let fills = match &frame.mode {
-        QuietMode::Exact => {
+        ConvergedMode::Exact => {
             reach_exactly(&mut lists, &list_of, &merged, frame);
             HashMap::new()
         }
-        QuietMode::Approximate(margins) => {
+        ConvergedMode::Approximate(margins) => {
             reach_by_margins(&mut lists, &list_of, &merged, margins);
             read_beyond(&merged, &list_of)
         }
     };
     let mut maker = Maker { buffers };
     let map = MapSize::of(frame.padded);
-    let noise = maker.words("quiet.noise", u64::from(map.tiles()));
+    let noise = maker.words("converged.noise", u64::from(map.tiles()));
     let parts = lists.iter().map(|list| list.part).collect();
     let mut activity = Activity { buffer: noise, size: map, parts };
-    activity.buffer = maker.words("quiet.active", activity.words());
-    let sums = maker.words("quiet.sums", u64::from(map.sums()));
+    activity.buffer = maker.words("converged.active", activity.words());
+    let sums = maker.words("converged.sums", u64::from(map.sums()));
     let region = Region::all(frame.extent);
-    // With nothing quiet, an approximate pass is the whole one, its padding with it.
-    let real = if frame.mode == QuietMode::Exact { map } else { MapSize::of(frame.extent) };
+    // With nothing converged, an approximate pass is the whole one, its padding with it.
+    let real = if frame.mode == ConvergedMode::Exact { map } else { MapSize::of(frame.extent) };
     let sample = Sample::one_in((real.tiles() / SAMPLES).clamp(DENSEST, SPARSEST), real);
     let dispatch = |name: &str, call| Dispatch::new(name, Stage::Input, 0, call, frame.kernels);
     let mut before = vec![
         dispatch(
-            "quiet.noise",
+            "converged.noise",
             Call::TileNoise(TileNoise { stats: frame.stats, dst: noise, frame: frame.extent, map }),
         ),
         dispatch(
-            "quiet.map",
-            Call::QuietMap(QuietMap { src: noise, map: activity.buffer, sums, size: map, real, region }),
+            "converged.map",
+            Call::ConvergedMap(ConvergedMap { src: noise, map: activity.buffer, sums, size: map, real, region }),
         ),
     ];
     let mut made = Vec::new();
     for (slot, list) in lists.iter().enumerate() {
-        let name = format!("quiet.{}.{}", list.part.stage, list.part.tile_pixels);
+        let name = format!("converged.{}.{}", list.part.stage, list.part.tile_pixels);
         let mut words = |what: &str, count: u64| maker.words(&format!("{name}.{what}"), count);
         let mut call = TileList {
             sums,
@@ -165,8 +165,8 @@ pub(super) fn apply(merged: Merged, buffers: &mut Vec<Buffer>, frame: &Frame) ->
             out.extend(before.drain(..).map(|dispatch| (dispatch, For::Every)));
         }
         match &mut dispatch.call {
-            Call::Output(output) => output.quiet = Some(activity.buffer),
-            Call::OutputSignal(output) => output.quiet = Some(activity.buffer),
+            Call::Output(output) => output.converged = Some(activity.buffer),
+            Call::OutputSignal(output) => output.converged = Some(activity.buffer),
             _ => {}
         }
         let Some(list) = list_of[at] else {
@@ -230,12 +230,12 @@ enum Scope {
 }
 
 /// What every dispatch computes. Those that the whole frame is needed of are sampled in approximate mode, unless they
-/// are kept for the next frame, of which other squares may be quiet.
+/// are kept for the next frame, of which other squares may be converged.
 fn scopes(merged: &[(Dispatch, For)], frame: &Frame) -> Vec<Scope> {
     let mut scopes = vec![Scope::Active; merged.len()];
     let of_mean = match frame.mode {
-        QuietMode::Approximate(_) => Scope::Sampled,
-        QuietMode::Exact => Scope::Whole,
+        ConvergedMode::Approximate(_) => Scope::Sampled,
+        ConvergedMode::Exact => Scope::Whole,
     };
     let nothing = Region { x: 0, y: 0, width: 0, height: 0 };
     for other in KINDS {

@@ -1,7 +1,7 @@
 //! Leaving out what needs no denoising.
 
 use crate::error::{Error, Result};
-use crate::kernels::quiet::BLEND_PIXELS;
+use crate::kernels::converged::BLEND_PIXELS;
 use crate::net::op::Stage;
 use std::str::FromStr;
 
@@ -9,52 +9,52 @@ use std::str::FromStr;
 /// beside what is denoised. The frame is not cut into bands then, so that it may take more device memory
 /// ([`crate::Denoiser::memory_required`]).
 #[derive(Clone, Copy, Debug, PartialEq)]
-pub struct Quiet {
+pub struct Converged {
     /// The relative standard deviation of a pixel up to which it is left as it is, above 0. 0.02 is hardly visible.
     pub threshold: f32,
     /// How far beyond what is denoised the network computes.
-    pub mode: QuietMode,
+    pub mode: ConvergedMode,
 }
 
-impl Quiet {
+impl Converged {
     pub(crate) fn check(&self) -> Result<()> {
         if self.threshold.is_finite() && self.threshold > 0.0 {
             return Ok(());
         }
         let reason = format!("{}; it must be a number above 0", self.threshold);
-        Err(Error::InvalidOption { option: "quiet threshold", reason })
+        Err(Error::InvalidOption { option: "converged threshold", reason })
     }
 }
 
 /// How far beyond what is denoised the network computes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub enum QuietMode {
+pub enum ConvergedMode {
     /// As far as the denoised pixels depend on: they have the bits of the whole frame's pass.
     Exact,
     /// As far as margins say. The means that FiLM takes of the whole frame are estimated from a sample of what is
-    /// quiet.
-    Approximate(QuietMargins),
+    /// converged.
+    Approximate(ConvergedMargins),
 }
 
-impl FromStr for QuietMode {
+impl FromStr for ConvergedMode {
     type Err = Error;
 
-    /// `exact` or `approximate`, with the margins of [`QuietMargins::default`].
+    /// `exact` or `approximate`, with the margins of [`ConvergedMargins::default`].
     fn from_str(text: &str) -> Result<Self> {
         match text {
             "exact" => Ok(Self::Exact),
             "approximate" => Ok(Self::default()),
             other => {
                 let reason = format!("'{other}'; it can be exact or approximate");
-                Err(Error::InvalidOption { option: "quiet mode", reason })
+                Err(Error::InvalidOption { option: "converged mode", reason })
             }
         }
     }
 }
 
-impl Default for QuietMode {
+impl Default for ConvergedMode {
     fn default() -> Self {
-        Self::Approximate(QuietMargins::default())
+        Self::Approximate(ConvergedMargins::default())
     }
 }
 
@@ -62,7 +62,7 @@ impl Default for QuietMode {
 /// tiles. Input and output go at least as far as the blend. Stages are counted from the network's full resolution; the
 /// last of an array stands for any after it.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
-pub struct QuietMargins {
+pub struct ConvergedMargins {
     /// The output.
     pub output: u32,
     /// The decoder's stages.
@@ -75,7 +75,7 @@ pub struct QuietMargins {
     pub input: u32,
 }
 
-impl QuietMargins {
+impl ConvergedMargins {
     pub(crate) fn of(&self, stage: Stage) -> u32 {
         match stage {
             Stage::Output => self.output.max(BLEND_PIXELS),
@@ -87,7 +87,7 @@ impl QuietMargins {
     }
 }
 
-impl Default for QuietMargins {
+impl Default for ConvergedMargins {
     fn default() -> Self {
         Self { output: BLEND_PIXELS, decoder: [8, 0, 0], bottleneck: 0, encoder: [8, 0, 0], input: BLEND_PIXELS }
     }

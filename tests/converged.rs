@@ -1,4 +1,4 @@
-//! Quiet tiles: the caller's pixels where nothing needs denoising, the whole frame's pass elsewhere.
+//! Converged tiles: the caller's pixels where nothing needs denoising, the whole frame's pass elsewhere.
 
 mod common;
 
@@ -12,8 +12,8 @@ use vkdenoise::net::Block;
 use vkdenoise::options::{ConvAlgorithm, SeparableForm};
 use vkdenoise::testing::Bench;
 use vkdenoise::{
-    Denoiser, Error, Extent, Features, Frame, Layout, Noise, NoiseKind, Options, Plane, PlaneMut, Precision, Quiet,
-    QuietMode, Region, Weights,
+    Converged, ConvergedMode, Denoiser, Error, Extent, Features, Frame, Layout, Noise, NoiseKind, Options, Plane,
+    PlaneMut, Precision, Region, Weights,
 };
 
 const SQUARE: u32 = 16;
@@ -85,8 +85,8 @@ fn denoise(denoiser: &mut Denoiser, frame: &Frame) -> Vec<f32> {
     output
 }
 
-fn quiet(mode: QuietMode) -> Option<Quiet> {
-    Some(Quiet { threshold: 0.02, mode })
+fn converged(mode: ConvergedMode) -> Option<Converged> {
+    Some(Converged { threshold: 0.02, mode })
 }
 
 /// A denoiser with something else's pass behind it in its arena.
@@ -141,7 +141,7 @@ fn patterns() -> Vec<(&'static str, Pattern)> {
 
 fn check_exact(weights: &Weights, options: Options, extent: Extent) {
     let mut whole = Denoiser::new(device(), weights, &options).unwrap();
-    let mut denoiser = soiled(weights, &Options { quiet: quiet(QuietMode::Exact), ..options }, extent);
+    let mut denoiser = soiled(weights, &Options { converged: converged(ConvergedMode::Exact), ..options }, extent);
     for (i, (name, pattern)) in patterns().into_iter().enumerate() {
         println!("{name}");
         let scene = Scene::new(extent, i as u64, pattern);
@@ -190,7 +190,7 @@ fn exact_tiles_of_a_long_frame_leave_out_of_every_part() {
     let weights = Weights::hybrid().unwrap();
     for extent in [Extent::new(2560, 128), Extent::new(128, 2560)] {
         let mut whole = Denoiser::new(device(), &weights, &Options::default()).unwrap();
-        let options = Options { quiet: quiet(QuietMode::Exact), ..Options::default() };
+        let options = Options { converged: converged(ConvergedMode::Exact), ..Options::default() };
         let mut denoiser = soiled(&weights, &options, extent);
         let scene = Scene::new(extent, 5, |x, y| x.max(y) == 70 || x.max(y) == 74);
         let expected = denoise(&mut whole, &scene.frame());
@@ -204,8 +204,8 @@ fn exact_tiles_of_a_long_frame_leave_out_of_every_part() {
     assert_no_validation_messages();
 }
 
-/// What a mode promises whatever is quiet: the caller's bits far from what is denoised, and the same bits whatever ran
-/// before.
+/// What a mode promises whatever is converged: the caller's bits far from what is denoised, and the same bits whatever
+/// ran before.
 fn check_promises(denoiser: &mut Denoiser, scene: &Scene) -> Vec<f32> {
     let found = denoise(denoiser, &scene.frame());
     for (i, found) in found.iter().enumerate() {
@@ -226,7 +226,7 @@ fn check_promises(denoiser: &mut Denoiser, scene: &Scene) -> Vec<f32> {
 fn approximate_tiles_are_close_to_the_whole() {
     let (weights, extent) = (Weights::hybrid().unwrap(), Extent::new(300, 211));
     let mut whole = Denoiser::new(device(), &weights, &Options::default()).unwrap();
-    let options = Options { quiet: quiet(QuietMode::default()), ..Options::default() };
+    let options = Options { converged: converged(ConvergedMode::default()), ..Options::default() };
     let mut denoiser = soiled(&weights, &options, extent);
     for (i, (name, pattern)) in patterns().into_iter().enumerate() {
         let scene = Scene::new(extent, i as u64, pattern);
@@ -244,9 +244,9 @@ fn approximate_tiles_are_close_to_the_whole() {
             let line = Extent::new(own.len() as u32 / 3, 1);
             let close = Comparison::new(line, &own, &full).unwrap().tone_mapped_db(0.18);
             println!("{name}: {close:.1} dB");
-            // Squares that stand alone in noise called quiet lack all that the whole pass sees around them. How much is
-            // a matter of the weights: 27.9 dB with those trained on, which look further around; over 30 with those
-            // before.
+            // Squares that stand alone in noise called converged lack all that the whole pass sees around them. How
+            // much is a matter of the weights: 27.9 dB with those trained on, which look further around; over 30 with
+            // those before.
             let least = if ["half", "all but one"].contains(&name) { 50.0 } else { 27.0 };
             assert!(close > least, "{name}: {close} dB");
         }
@@ -259,7 +259,7 @@ fn approximate_tiles_are_close_to_the_whole() {
 fn approximate_tiles_of_several_films_keep_their_promises() {
     let (weights, extent) = (small_net(16, Block::ShJsa { ratio: 0.5 }), Extent::new(300, 211));
     let mut whole = Denoiser::new(device(), &weights, &Options::default()).unwrap();
-    let options = Options { quiet: quiet(QuietMode::default()), ..Options::default() };
+    let options = Options { converged: converged(ConvergedMode::default()), ..Options::default() };
     let mut denoiser = soiled(&weights, &options, extent);
     for (i, (name, pattern)) in patterns().into_iter().enumerate() {
         let scene = Scene::new(extent, i as u64, pattern);
@@ -274,12 +274,12 @@ fn approximate_tiles_of_several_films_keep_their_promises() {
     assert_no_validation_messages();
 }
 
-/// Frames of noise of which all but one square is wrongly called quiet.
+/// Frames of noise of which all but one square is wrongly called converged.
 #[test]
 fn wrong_maps_do_no_more_harm_than_they_must() {
     let (weights, extent) = (Weights::hybrid().unwrap(), Extent::new(300, 211));
-    let options = |mode| Options { quiet: quiet(mode), ..Options::default() };
-    let mut approximate = soiled(&weights, &options(QuietMode::default()), extent);
+    let options = |mode| Options { converged: converged(mode), ..Options::default() };
+    let mut approximate = soiled(&weights, &options(ConvergedMode::default()), extent);
     let mut random = Random::new(8);
     for seed in 0..10 {
         let (column, row) = (random.integer(0, 18), random.integer(0, 13));
@@ -296,38 +296,38 @@ fn features_that_are_missing_or_kept_make_no_difference() {
     let pattern = |x: u32, y: u32| (x / 6 + y / 5).is_multiple_of(2);
     let scene = Scene::new(extent, 4, pattern);
     let mut plain = Denoiser::new(device(), &weights, &Options::default()).unwrap();
-    for mode in [QuietMode::Exact, QuietMode::default()] {
-        let mut denoiser = soiled(&weights, &Options { quiet: quiet(mode), ..Options::default() }, extent);
+    for mode in [ConvergedMode::Exact, ConvergedMode::default()] {
+        let mut denoiser = soiled(&weights, &Options { converged: converged(mode), ..Options::default() }, extent);
         let mut frame = scene.frame();
         let with = denoise(&mut denoiser, &frame);
         (frame.features.albedo, frame.features.depth) = (None, None);
         let without = denoise(&mut denoiser, &frame);
-        if mode == QuietMode::Exact {
+        if mode == ConvergedMode::Exact {
             assert_exact(&scene, &without, &denoise(&mut plain, &frame));
         }
-        let options = Options { quiet: quiet(mode), keep_features: true, ..Options::default() };
+        let options = Options { converged: converged(mode), keep_features: true, ..Options::default() };
         let mut keeping = soiled(&weights, &options, extent);
-        // Another part is quiet at first.
+        // Another part is converged at first.
         denoise(&mut keeping, &Scene { color: scene.color.clone(), ..Scene::new(extent, 4, |x, _| x < 3) }.frame());
         keeping.set_features_unchanged(true);
         let kept = denoise(&mut keeping, &scene.frame());
         match mode {
-            QuietMode::Exact => assert_same_bits(&kept, &with, "features kept"),
+            ConvergedMode::Exact => assert_same_bits(&kept, &with, "features kept"),
             // Features are the whole frame's then, not read as zero beyond margins.
-            QuietMode::Approximate(_) => assert!(kept.iter().all(|value| value.is_finite())),
+            ConvergedMode::Approximate(_) => assert!(kept.iter().all(|value| value.is_finite())),
         }
     }
     assert_no_validation_messages();
 }
 
 #[test]
-fn a_region_of_quiet_tiles_has_the_bits_of_the_whole() {
+fn a_region_of_converged_tiles_has_the_bits_of_the_whole() {
     let (weights, extent) = (Weights::hybrid().unwrap(), Extent::new(300, 211));
     let scene = Scene::new(extent, 4, |x, y| (x / 2 + y / 2).is_multiple_of(3));
-    let options = Options { quiet: quiet(QuietMode::Exact), ..Options::default() };
+    let options = Options { converged: converged(ConvergedMode::Exact), ..Options::default() };
     let whole = denoise(&mut soiled(&weights, &options, extent), &scene.frame());
     let mut denoiser = soiled(&weights, &options, extent);
-    // Squares outside of a region are quiet: the blend beside them may lie within it, so it begins and ends with
+    // Squares outside of a region are converged: the blend beside them may lie within it, so it begins and ends with
     // squares that are.
     let region = Region { x: 0, y: 32, width: 112, height: 100 };
     denoiser.set_region(Some(region));
@@ -344,14 +344,14 @@ fn a_region_of_quiet_tiles_has_the_bits_of_the_whole() {
             differing += usize::from(part != whole);
         }
     }
-    println!("{differing} samples of quiet squares blend with what lies outside, or do not");
+    println!("{differing} samples of converged squares blend with what lies outside, or do not");
     assert_no_validation_messages();
 }
 
 #[test]
 fn the_report_tells_what_was_active() {
     let (weights, extent) = (Weights::hybrid().unwrap(), Extent::new(300, 211));
-    let options = Options { quiet: quiet(QuietMode::default()), ..Options::default() };
+    let options = Options { converged: converged(ConvergedMode::default()), ..Options::default() };
     let mut denoiser = Denoiser::new(device(), &weights, &options).unwrap();
     assert!(denoiser.active_tiles().is_none());
     let rgb = Layout::interleaved(extent, 3);
@@ -379,10 +379,11 @@ fn the_report_tells_what_was_active() {
 #[test]
 fn thresholds_that_mean_nothing_are_refused() {
     for threshold in [0.0, -1.0, f32::NAN, f32::INFINITY] {
-        let options = Options { quiet: Some(Quiet { threshold, mode: QuietMode::Exact }), ..Options::default() };
+        let options =
+            Options { converged: Some(Converged { threshold, mode: ConvergedMode::Exact }), ..Options::default() };
         let refused = Denoiser::new(device(), &Weights::hybrid().unwrap(), &options);
-        assert!(matches!(refused, Err(Error::InvalidOption { option: "quiet threshold", .. })));
+        assert!(matches!(refused, Err(Error::InvalidOption { option: "converged threshold", .. })));
     }
-    assert_eq!("exact".parse::<QuietMode>().unwrap(), QuietMode::Exact);
-    assert!(matches!("some".parse::<QuietMode>(), Err(Error::InvalidOption { option: "quiet mode", .. })));
+    assert_eq!("exact".parse::<ConvergedMode>().unwrap(), ConvergedMode::Exact);
+    assert!(matches!("some".parse::<ConvergedMode>(), Err(Error::InvalidOption { option: "converged mode", .. })));
 }

@@ -1,5 +1,5 @@
-//! Quiet squares in a renderer's buffers and images, with its plane of sample counts: the host path's bits, and what
-//! was active, read back by the renderer itself.
+//! Converged squares in a renderer's buffers and images, with its plane of sample counts: the host path's bits, and
+//! what was active, read back by the renderer itself.
 
 mod common;
 
@@ -8,8 +8,9 @@ use common::compare::assert_same_bits;
 use common::image::RendererImage;
 use common::vulkan::Renderer;
 use vkdenoise::{
-    ActiveTiles, BufferFrame, BufferPlane, Denoiser, Device, Extent, Features, Frame, FrameOptions, ImageFormat,
-    ImageFrame, Layout, Noise, NoiseKind, Options, Pass, Plane, PlaneMut, Quiet, QuietMode, SampleFormat, Weights,
+    ActiveTiles, BufferFrame, BufferPlane, Converged, ConvergedMode, Denoiser, Device, Extent, Features, Frame,
+    FrameOptions, ImageFormat, ImageFrame, Layout, Noise, NoiseKind, Options, Pass, Plane, PlaneMut, SampleFormat,
+    Weights,
 };
 
 /// Five squares in three rows, the last ones cut off.
@@ -18,7 +19,7 @@ const EXTENT: Extent = Extent::new(70, 45);
 const NOISY: usize = 32;
 
 fn options() -> Options {
-    Options { quiet: Some(Quiet { threshold: 0.05, mode: QuietMode::Exact }), ..Options::default() }
+    Options { converged: Some(Converged { threshold: 0.05, mode: ConvergedMode::Exact }), ..Options::default() }
 }
 
 /// Colour and sample counts, RGB and one channel.

@@ -1,14 +1,14 @@
-//! How far tiles look on the map of what is quiet, for whether they are active and for whether they are read.
+//! How far tiles look on the map of what is converged, for whether they are active and for whether they are read.
 
 use super::Dispatch;
 use super::active::Part;
 use super::featureless::For;
-use super::quiet::{Frame, KINDS, List, sequence};
+use super::converged::{Frame, KINDS, List, sequence};
 use super::region::needed_tokens;
 use crate::frame::{Extent, Region};
-use crate::kernels::quiet::{BLEND_PIXELS, MAP_TILE, REACHES, Reach};
+use crate::kernels::converged::{BLEND_PIXELS, MAP_TILE, REACHES, Reach};
 use crate::kernels::{Access, BufferId, Scale, TILE};
-use crate::options::QuietMargins;
+use crate::options::ConvergedMargins;
 use std::collections::HashMap;
 
 /// Has tiles `first..end` of so many pixels along an axis look at a square of the map.
@@ -53,7 +53,7 @@ pub(super) fn reach_by_margins(
     lists: &mut [List],
     list_of: &[Option<usize>],
     merged: &[(Dispatch, For)],
-    margins: &QuietMargins,
+    margins: &ConvergedMargins,
 ) {
     let reads = reads(merged, list_of);
     // In the middle of a map without ends, where every phase occurs.

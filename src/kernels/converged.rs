@@ -1,13 +1,14 @@
-//! What needs no denoising: a map of quiet squares, and the lists of the tiles that are left, all made on the device.
+//! What needs no denoising: a map of converged squares, and the lists of the tiles that are left, all made on the
+//! device.
 //!
 //! 1. [`TileNoise`] measures the relative noise of every square of [`MAP_TILE`] pixels a side.
-//! 2. [`QuietMap`] marks those above a threshold, and sums the marks.
+//! 2. [`ConvergedMap`] marks those above a threshold, and sums the marks.
 //! 3. [`TileList`] lists, for each part of the network, the tiles that marked squares depend on, with the workgroups of
 //!    the dispatches that run over the list.
 //! 4. [`Fill`] writes zeros where tiles are read that are not active.
 
 use super::contracts::{self, halves};
-use super::pushes::{FillPush, QuietMapPush, TileListPush, TileNoisePush};
+use super::pushes::{FillPush, ConvergedMapPush, TileListPush, TileNoisePush};
 use super::stats::STATS_FLOATS;
 use super::{
     Access, Addresses, BufferId, Grid, Kernel, KernelTarget, PushBytes, Scale, TILE, Tiles, Traffic, Variant, View,
@@ -104,7 +105,7 @@ impl Kernel for TileNoise {
 /// Marks the squares that are noisier than the frame's threshold, and those beside one: light that few pixels have
 /// found leaves squares without any. (Not where sample counts are given: they are known for every pixel.)
 #[derive(Clone, Debug, PartialEq)]
-pub struct QuietMap {
+pub struct ConvergedMap {
     /// The noise.
     pub src: BufferId,
     /// 1 or 0 for every square.
@@ -119,7 +120,7 @@ pub struct QuietMap {
     pub region: Region,
 }
 
-impl QuietMap {
+impl ConvergedMap {
     /// The squares that hold wanted pixels: left, top, right, bottom, ends excluded.
     pub fn wanted(&self) -> [u32; 4] {
         let Region { x, y, .. } = self.region;
@@ -128,9 +129,9 @@ impl QuietMap {
     }
 }
 
-impl Kernel for QuietMap {
+impl Kernel for ConvergedMap {
     fn choose(&self, _: KernelTarget) -> Variant {
-        Variant::plain(&contracts::QUIET_MAP)
+        Variant::plain(&contracts::CONVERGED_MAP)
     }
 
     fn groups(&self, _: &Variant) -> [u32; 3] {
@@ -139,7 +140,7 @@ impl Kernel for QuietMap {
 
     fn push(&self, at: &Addresses) -> PushBytes {
         let [left, top, right, bottom] = self.wanted();
-        PushBytes::new(&QuietMapPush {
+        PushBytes::new(&ConvergedMapPush {
             src: at.of(self.src),
             map: at.of(self.map),
             sums: at.of(self.sums),
@@ -150,7 +151,7 @@ impl Kernel for QuietMap {
             top,
             right,
             bottom,
-            threshold: at.frame.quiet_threshold,
+            threshold: at.frame.converged_threshold,
             real_columns: self.real.columns,
             real_rows: self.real.rows,
             unused: 0,

@@ -1,8 +1,8 @@
-// How much of a pixel is the caller's own: needs quiet.glsl, the map, its width in pixels and the rows that count.
+// How much of a pixel is the caller's own: needs converged.glsl, the map, its width in pixels and the rows that count.
 const float BLEND_PIXELS = 8.0;
 
 // The share of the caller's colour in a pixel: none where it is to be denoised, all where it is far from that.
-float quiet_share(uvec2 at) {
+float converged_share(uvec2 at) {
     uvec2 tile = at / MAP_TILE;
     uint columns = src_width / MAP_TILE;
     uint rows = (bottom + MAP_TILE - 1u) / MAP_TILE;

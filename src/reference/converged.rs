@@ -1,11 +1,11 @@
-//! Twins of the kernels that leave out what needs no denoising ([`crate::kernels::quiet`]).
+//! Twins of the kernels that leave out what needs no denoising ([`crate::kernels::converged`]).
 
 use super::Reference;
 use super::frame_io::{FrameData, reflect};
 use super::samples::is_sound;
 use crate::frame::NoiseKind;
-use crate::kernels::quiet::{
-    ALWAYS, FAR, Fill, MAP_TILE, QuietMap, REACHES, Reach, Sample, TILES_A_GROUP, TileList, TileNoise,
+use crate::kernels::converged::{
+    ALWAYS, FAR, Fill, MAP_TILE, ConvergedMap, REACHES, Reach, Sample, TILES_A_GROUP, TileList, TileNoise,
 };
 use crate::kernels::stats::{EXPOSURE, KEY};
 use crate::kernels::{TILE, View};
@@ -83,12 +83,12 @@ fn estimate(frame: &FrameData, pixels: &[(usize, usize)], (left, top): (usize, u
 }
 
 /// Marks and their sums.
-pub fn quiet_map(reference: &mut Reference, call: &QuietMap) {
+pub fn converged_map(reference: &mut Reference, call: &ConvergedMap) {
     let (columns, rows) = (call.size.columns as usize, call.size.rows as usize);
     let [left, top, right, bottom] = call.wanted().map(|end| end as usize);
     let frame = &reference.frame;
     let noise = reference.buffer(call.src);
-    let noisy = |x: usize, y: usize| noise[y * columns + x] > frame.quiet_threshold;
+    let noisy = |x: usize, y: usize| noise[y * columns + x] > frame.converged_threshold;
     let reach = usize::from(frame.noise.is_none() || frame.noise_kind != NoiseKind::Samples);
     let near = |at: usize, end: usize| at.saturating_sub(reach)..(at + reach + 1).min(end);
     let mark = |i: usize| {

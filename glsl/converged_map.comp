@@ -3,7 +3,7 @@
 #version 460
 #include "shared/storage.glsl"
 #include "shared/planes.glsl"
-#include "shared/quiet.glsl"
+#include "shared/converged.glsl"
 
 layout(local_size_x = 256) in;
 
@@ -12,7 +12,7 @@ layout(buffer_reference, std430, buffer_reference_align = 4) coherent buffer Sha
 
 layout(push_constant) uniform Push {
     ReadFloats src;       // relative noise
-    Shared map;           // 1: to be denoised, 0: quiet
+    Shared map;           // 1: to be denoised, 0: converged
     Shared sums;          // (columns + 1) x (rows + 1)
     Planes planes;
     uint columns;
@@ -33,7 +33,7 @@ bool is_noisy(uint x, uint y) {
 
 void main() {
     uint lane = gl_LocalInvocationID.x;
-    // Whether the squares beside a noisy one are not quiet.
+    // Whether the squares beside a noisy one are not converged.
     bool spread = (planes.noise.format & FORMAT_COUNTS) == 0u;
     for (uint i = lane; i < columns * rows; i += 256u) {
         uvec2 at = min(uvec2(i % columns, i / columns), uvec2(real_columns, real_rows) - 1u);

@@ -1,4 +1,4 @@
-//! The kernels that leave out quiet tiles, beside their twins.
+//! The kernels that leave out converged tiles, beside their twins.
 
 mod common;
 
@@ -6,10 +6,10 @@ use common::device::assert_no_validation_messages;
 use common::planes::{TestFrame, TestPlane};
 use common::random::Random;
 use common::rig::{Rig, words};
-use vkdenoise::kernels::planes::{Format, PlaneArgs, Role};
-use vkdenoise::kernels::quiet::{
-    ALWAYS, Fill, MapSize, QuietMap, REACHES, Reach, Sample, TileList, TileNoise, list_bytes,
+use vkdenoise::kernels::converged::{
+    ALWAYS, ConvergedMap, Fill, MapSize, REACHES, Reach, Sample, TileList, TileNoise, list_bytes,
 };
+use vkdenoise::kernels::planes::{Format, PlaneArgs, Role};
 use vkdenoise::kernels::{BufferId, Call, Storage, Tiles, View};
 use vkdenoise::testing::SENTINEL;
 use vkdenoise::{Extent, Noise, NoiseKind, Region};
@@ -137,7 +137,7 @@ fn noise_is_told_from_smoothness() {
 }
 
 #[test]
-fn quiet_maps_and_their_lists() {
+fn converged_maps_and_their_lists() {
     let mut random = Random::new(4);
     for round in 0..24 {
         let size = MapSize { columns: 8 * random.integer(1, 6), rows: 8 * random.integer(1, 4) };
@@ -193,8 +193,8 @@ fn quiet_maps_and_their_lists() {
         let noise = random.values(size.tiles() as usize, 0.0, [0.9, 1.003, 1.05, 2.0, 900.0][round / 5]);
         rig.set_floats(src, &noise);
         let counted = round % 2 == 0;
-        rig.bench.frame.quiet_threshold = 1.0;
-        rig.reference.set_quiet_threshold(1.0);
+        rig.bench.frame.converged_threshold = 1.0;
+        rig.reference.set_converged_threshold(1.0);
         let frame = TestFrame::of_color(extent, vec![0.0; 3 * extent.pixels() as usize]);
         let plane = TestPlane::packed(extent, 1, vec![1.0; extent.pixels() as usize]);
         let mut view = frame.frame();
@@ -207,7 +207,7 @@ fn quiet_maps_and_their_lists() {
         let (width, height) = (random.integer(1, extent.width - x), random.integer(1, extent.height - y));
         let all = Region::all(extent);
         let region = if round % 3 == 0 { all } else { Region { x, y, width, height } };
-        rig.run(Call::QuietMap(QuietMap { src, map, sums, size, real, region }));
+        rig.run(Call::ConvergedMap(ConvergedMap { src, map, sums, size, real, region }));
         rig.assert_integers(map, "map");
         rig.assert_integers(sums, "sums");
         rig.run(Call::TileList(call));

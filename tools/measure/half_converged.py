@@ -1,7 +1,7 @@
-"""Composes frames that are half quiet from rendered pairs: an object before a plain background, and an interior whose lower half
-has converged. The crops are small, so they are laid out as a mosaic of mirror images, whose borders fit.
+"""Composes frames that are half converged from rendered pairs: an object before a plain background, and an interior
+whose lower half has converged. The crops are small, so they are laid out as a mosaic of mirror images, whose borders fit.
 
-    half_quiet.py --data PAIRS/test --out DIR        writes object.exr, object_ref.exr, interior.exr, interior_ref.exr
+    half_converged.py --data PAIRS/test --out DIR        writes object.exr, object_ref.exr, interior.exr, interior_ref.exr
 """
 import argparse
 from pathlib import Path
@@ -13,7 +13,8 @@ from kit import images
 CHANNELS = {"color": ("R", "G", "B"), "albedo": ("albedo.R", "albedo.G", "albedo.B"), "normal": ("N.X", "N.Y", "N.Z"),
             "depth": ("Z",), "samples": ("samples.Y",)}
 REFERENCE_SAMPLES = 2048
-# Of the frame by the object: with the squares of 16x16 pixels at its edge and those beside them it is half of the frame.
+# Of the frame by the object: with the squares of 16x16 pixels at its edge and those beside them it is half of the
+# frame.
 COVERED = 0.43
 
 

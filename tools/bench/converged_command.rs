@@ -1,21 +1,21 @@
-//! `quiet`: what is saved where a part of a frame needs no denoising, and what becomes of the picture.
+//! `converged`: what is saved where a part of a frame needs no denoising, and what becomes of the picture.
 
 use crate::stress;
 use clap::Args;
 use cpu_time::ProcessTime;
 use std::path::PathBuf;
 use vkdenoise::exr_io::{ExrFrame, LayerOptions};
-use vkdenoise::kernels::quiet::MAP_TILE;
+use vkdenoise::kernels::converged::MAP_TILE;
 use vkdenoise::metrics::Comparison;
 use vkdenoise::{
-    ActiveTiles, Denoiser, Device, DeviceSelector, Error, Extent, Frame, Layout, Options, PlaneMut, Quiet,
-    QuietMargins, QuietMode, Weights,
+    ActiveTiles, Converged, ConvergedMargins, ConvergedMode, Denoiser, Device, DeviceSelector, Error, Extent, Frame,
+    Layout, Options, PlaneMut, Weights,
 };
 
-/// Arguments of `quiet`.
+/// Arguments of `converged`.
 #[derive(Args)]
-pub struct QuietArgs {
-    /// The frame; a layer of variance or sample counts says what is quiet, else it is estimated.
+pub struct ConvergedArgs {
+    /// The frame; a layer of variance or sample counts says what is converged, else it is estimated.
     frame: PathBuf,
     /// What it should become.
     #[arg(long)]
@@ -26,7 +26,7 @@ pub struct QuietArgs {
     /// Rules to try: exact, approximate, or margins in pixels of output, decoder 0, 1, 2, bottleneck, encoder 2, 1, 0
     /// and input, as in 0,8,32,64,0,64,32,8,0.
     #[arg(long = "mode", default_values = ["approximate", "exact"], value_parser = mode)]
-    modes: Vec<(String, QuietMode)>,
+    modes: Vec<(String, ConvergedMode)>,
     /// Timed rounds; each runs every rule once, in turn.
     #[arg(long, default_value_t = 5)]
     repeat: u32,
@@ -35,12 +35,12 @@ pub struct QuietArgs {
     device: DeviceSelector,
 }
 
-fn mode(text: &str) -> Result<(String, QuietMode), String> {
+fn mode(text: &str) -> Result<(String, ConvergedMode), String> {
     let numbers: Vec<u32> = text.split(',').map_while(|number| number.parse().ok()).collect();
     let mode = match numbers[..] {
         [output, d0, d1, d2, bottleneck, e2, e1, e0, input] => {
             let (decoder, encoder) = ([d0, d1, d2], [e0, e1, e2]);
-            QuietMode::Approximate(QuietMargins { output, decoder, bottleneck, encoder, input })
+            ConvergedMode::Approximate(ConvergedMargins { output, decoder, bottleneck, encoder, input })
         }
         _ => text.parse().map_err(|error: Error| error.to_string())?,
     };
@@ -58,14 +58,14 @@ struct Case {
 }
 
 /// CPU seconds of a whole call, rule by rule in turn; medians, and ratios to the whole frame's. One JSON object a rule.
-pub fn run(args: &QuietArgs) -> stress::Result<()> {
+pub fn run(args: &ConvergedArgs) -> stress::Result<()> {
     let image = ExrFrame::read(&args.frame, &LayerOptions::default())?;
     let reference = args.reference.as_ref().map(|path| ExrFrame::read(path, &LayerOptions::color_only(None)));
     let reference = reference.transpose()?;
     let (device, weights) = (Device::open(&args.device)?, Weights::hybrid()?);
-    let case = |name: &str, mode: Option<QuietMode>| -> Result<Case, Error> {
-        let quiet = mode.map(|mode| Quiet { threshold: args.threshold, mode });
-        let denoiser = Denoiser::new(&device, &weights, &Options { quiet, ..Options::default() })?;
+    let case = |name: &str, mode: Option<ConvergedMode>| -> Result<Case, Error> {
+        let converged = mode.map(|mode| Converged { threshold: args.threshold, mode });
+        let denoiser = Denoiser::new(&device, &weights, &Options { converged, ..Options::default() })?;
         Ok(Case { name: name.into(), denoiser, seconds: vec![], work: 1.0, exposure: 1.0, output: vec![] })
     };
     let mut cases = vec![case("whole", None)?];
@@ -130,7 +130,7 @@ fn picture(
         active.map[y / MAP_TILE as usize * columns + x / MAP_TILE as usize]
     };
     let mut found = serde_json::json!({ "denoised": active.denoised(extent) });
-    for (name, wanted) in [("denoised_squares", true), ("quiet_squares", false)] {
+    for (name, wanted) in [("denoised_squares", true), ("converged_squares", false)] {
         let pick = |samples: &[f32]| -> Vec<f32> {
             let pixels = samples.chunks_exact(3).enumerate().filter(|(pixel, _)| is_active(*pixel) == wanted);
             pixels.flat_map(|(_, color)| color).copied().collect()
