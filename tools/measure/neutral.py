@@ -3,7 +3,8 @@
     pip install vkdenoise-*.whl OpenEXR
     python tools/measure/neutral.py --data PAIRS/test --method balanced --method high --method weights/expanded_patch.safetensors
 
-Prints a Markdown table, a column for each method: a quality or a file of weights; OIDN is a method too (pip install pyoidn).
+Prints a Markdown table, a column for each method: a quality or a file of weights; pytorch:FILE is the training kit's network with
+those weights, or a checkpoint's; OIDN is a method too (pip install pyoidn).
 """
 import argparse
 import sys
@@ -15,6 +16,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "train"))
 from vkdn import images, metrics  # noqa: E402
 
 ENERGY_SPP = (4, 32)
+PYTORCH = "pytorch:"
 
 
 def denoiser(name):
@@ -27,10 +29,27 @@ def denoiser(name):
             return pyoidn.denoise(color, **features, hdr=True, clean_aux=False, quality="high")
 
         return run
+    if name.startswith(PYTORCH):
+        return by_the_kit(name.removeprefix(PYTORCH))
     import vkdenoise
 
     made = vkdenoise.Denoiser(**({"weights": name} if Path(name).exists() else {"quality": name}))
     return lambda color, exposure=None, **features: made.denoise(color, exposure=exposure, **features)
+
+
+def by_the_kit(path):
+    from vkdn import checkpoint, preprocess
+    from vkdn.denoise import denoise
+
+    model, _ = checkpoint.load_model(path)
+
+    def run(color, exposure=None, **features):
+        stats = preprocess.statistics(color, features.get("depth"))
+        if exposure:
+            stats = preprocess.Statistics(preprocess.MIDDLE_GREY / exposure, stats.depth_scale)
+        return denoise(model, {"color": color, **features}, stats)
+
+    return run
 
 
 def change(image, reference):

@@ -41,7 +41,9 @@ def main():
     shutil.copytree(KIT, args.out / "vkdn", ignore=shutil.ignore_patterns("__pycache__"))
     shutil.copy(args.plan, args.out / "plan.json")
     if args.tracer:
-        shutil.copytree(args.tracer, args.out / "tracer", ignore=shutil.ignore_patterns("__pycache__"))
+        (args.out / "tracer").mkdir()
+        for file in filter(Path.is_file, args.tracer.iterdir()):
+            shutil.copyfile(file, args.out / "tracer" / file.name)
     for start in args.start:
         name, _, path = start.partition("=")
         carried.write(args.out / f"{name}.zip", checkpoint.load_model(path)[0])
