@@ -55,7 +55,7 @@ fn of_frame(graph: &Graph, extent: Extent, options: &Target, arena: Limits) -> R
 }
 
 /// Plans a graph's operations alone, without the frame around them: the caller fills [`Plan::log_color`] and
-/// [`Plan::aux`] and reads [`Plan::residual`], which are persistent.
+/// [`Plan::aux`] and reads [`Plan::residual`], which keep their places throughout.
 ///
 /// # Errors
 /// As [`plan`].
@@ -296,8 +296,8 @@ impl<'a> Lowering<'a> {
         op_flops(self.graph, op, self.padded.width, self.padded.height).total()
     }
 
-    /// Places the buffers, those of `kept` in persistent memory, and finds the barriers. Fails with the size of a
-    /// buffer that no block holds.
+    /// Places the buffers, those of `kept` for all the time, what outlives a recording in persistent memory, and finds
+    /// the barriers. Fails with the size of a buffer that no block holds.
     fn finish(mut self, kept: &[BufferId], arena: Limits) -> Result<Plan, u64> {
         let options = self.options;
         let buffers = &self.buffers;
@@ -318,14 +318,12 @@ impl<'a> Lowering<'a> {
             }
             None => (merged, None),
         };
-        let mut read_after: Vec<BufferId> = converged.iter().map(|converged| converged.buffer).collect();
+        let mut outlives: Vec<BufferId> = converged.iter().map(|converged| converged.buffer).collect();
         let given = options.of_tile.then(|| Given::of(merged.iter().map(|(dispatch, _)| dispatch)));
-        read_after.extend(given.iter().flat_map(Given::buffers));
-        let kept = &[kept, &read_after].concat()[..];
-        let kept = match options.keep_features {
-            true => [kept, &features::kept(merged.iter().map(|(dispatch, _)| dispatch))].concat(),
-            false => kept.to_vec(),
-        };
+        outlives.extend(given.iter().flat_map(Given::buffers));
+        if options.keep_features {
+            outlives.extend(features::kept(merged.iter().map(|(dispatch, _)| dispatch)));
+        }
         let end = merged.len();
         let mut times: Vec<Option<(usize, usize)>> = vec![None; self.buffers.len()];
         for (at, (dispatch, _)) in merged.iter().enumerate() {
@@ -345,9 +343,10 @@ impl<'a> Lowering<'a> {
         let (persistent, in_arena): (Vec<_>, Vec<_>) = (0..self.buffers.len())
             .filter(|&i| matches!(self.buffers[i].place, Place::Arena { .. }))
             .filter_map(|i| times[i].map(|time| (i, time)))
-            .partition(|(i, _)| kept.contains(&BufferId(*i)));
+            .partition(|(i, _)| outlives.contains(&BufferId(*i)));
         let place = |buffers: &[Buffer], which: &[(usize, (usize, usize))], always: bool, limits: Limits| {
             let request = |&(i, (first, last)): &(usize, (usize, usize))| {
+                let always = always || kept.contains(&BufferId(i));
                 let (first, last) = if always { (0, end) } else { (first, last) };
                 Request { bytes: buffers[i].bytes, first, last }
             };
