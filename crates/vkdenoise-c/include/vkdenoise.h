@@ -207,7 +207,8 @@ typedef uint32_t vkdenoise_requirement_kind;
 #endif // __STDC_VERSION__ >= 202311L
 #endif // __cplusplus
 
-// How a plane's samples are stored.
+// How a plane's samples are stored. Planes in the caller's memory are of floats; those in a renderer's buffers can be
+// integers where it says so.
 enum vkdenoise_sample_format
 #if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
   : uint32_t
@@ -217,6 +218,14 @@ enum vkdenoise_sample_format
   VKDENOISE_SAMPLE_FORMAT_F32 = 0,
   // 16-bit floats.
   VKDENOISE_SAMPLE_FORMAT_F16 = 1,
+  // Bytes from 0 to 1: albedo, normals. RGBA8 pixels have a pixel_stride of 4.
+  VKDENOISE_SAMPLE_FORMAT_UNORM8 = 2,
+  // 16 bits from 0 to 1: albedo, normals, depth.
+  VKDENOISE_SAMPLE_FORMAT_UNORM16 = 3,
+  // 16 bits from -1 to 1: normals.
+  VKDENOISE_SAMPLE_FORMAT_SNORM16 = 4,
+  // Words of 32 bits, a whole pixel each (VK_FORMAT_A2B10G10R10_UNORM_PACK32): normals.
+  VKDENOISE_SAMPLE_FORMAT_RGB10A2_UNORM = 5,
 };
 #ifndef __cplusplus
 #if __STDC_VERSION__ >= 202311L
@@ -285,6 +294,54 @@ enum vkdenoise_signal_kind
 typedef enum vkdenoise_signal_kind vkdenoise_signal_kind;
 #else
 typedef uint32_t vkdenoise_signal_kind;
+#endif // __STDC_VERSION__ >= 202311L
+#endif // __cplusplus
+
+// How a plane of normals tells them. Formats without a sign hold numbers in [-1, 1] as x * 0.5 + 0.5.
+enum vkdenoise_normal_encoding
+#if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+  : uint32_t
+#endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+ {
+  // Three channels in [-1, 1]; zeros, as they are stored, are no normal.
+  VKDENOISE_NORMAL_ENCODING_VECTOR = 0,
+  // The same as n * 0.5 + 0.5, in floats too.
+  VKDENOISE_NORMAL_ENCODING_UNSIGNED = 1,
+  // Two channels in [-1, 1]: the octahedron's map (Cigolle et al. 2014, "oct" there).
+  VKDENOISE_NORMAL_ENCODING_OCTAHEDRAL = 2,
+};
+#ifndef __cplusplus
+#if __STDC_VERSION__ >= 202311L
+typedef enum vkdenoise_normal_encoding vkdenoise_normal_encoding;
+#else
+typedef uint32_t vkdenoise_normal_encoding;
+#endif // __STDC_VERSION__ >= 202311L
+#endif // __cplusplus
+
+// How a plane of depths tells them.
+enum vkdenoise_depth_encoding
+#if defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+  : uint32_t
+#endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
+ {
+  // The distance itself, along the ray or the view axis, in any unit. Depth buffers and unsigned formats are
+  // refused.
+  VKDENOISE_DEPTH_ENCODING_LINEAR = 0,
+  // A perspective projection's depth buffer, from 0 at depth_near to 1 at depth_far, which may be INFINITY. What lies
+  // there is background.
+  VKDENOISE_DEPTH_ENCODING_PERSPECTIVE = 1,
+  // The same with 1 at depth_near and 0 at depth_far.
+  VKDENOISE_DEPTH_ENCODING_PERSPECTIVE_REVERSED = 2,
+  // The same of an orthographic projection; also distances that were scaled to [0, 1].
+  VKDENOISE_DEPTH_ENCODING_ORTHOGRAPHIC = 3,
+  // The same with 1 at depth_near and 0 at depth_far.
+  VKDENOISE_DEPTH_ENCODING_ORTHOGRAPHIC_REVERSED = 4,
+};
+#ifndef __cplusplus
+#if __STDC_VERSION__ >= 202311L
+typedef enum vkdenoise_depth_encoding vkdenoise_depth_encoding;
+#else
+typedef uint32_t vkdenoise_depth_encoding;
 #endif // __STDC_VERSION__ >= 202311L
 #endif // __cplusplus
 
@@ -395,7 +452,8 @@ typedef struct vkdenoise_options {
   // 1: what depends on albedo, normal and depth alone is kept between frames, for
   // vkdenoise_frame_options.aux_unchanged. It costs device memory.
   uint32_t keep_aux;
-  // 1: frames may come with signals (vkdenoise_frame.signals). For VKDENOISE_QUALITY_HIGH; it may cost device memory.
+  // 1: frames may come with signals (vkdenoise_frame.signals). For VKDENOISE_QUALITY_HIGH; it may cost device
+  // memory.
   uint32_t signals;
   // 1: recordings label every kernel, and not the pass alone, for graphics debuggers (VK_EXT_debug_utils).
   uint32_t label_kernels;
@@ -486,7 +544,7 @@ typedef struct vkdenoise_plane {
   size_t row_stride;
   // Bytes from a channel to the next of the same pixel; 0: a sample.
   size_t channel_stride;
-  // A vkdenoise_sample_format.
+  // A vkdenoise_sample_format of floats.
   uint32_t format;
   // Must be 0.
   uint32_t reserved;
@@ -507,7 +565,7 @@ typedef struct vkdenoise_plane_mut {
   size_t row_stride;
   // Bytes from a channel to the next of the same pixel; 0: a sample.
   size_t channel_stride;
-  // A vkdenoise_sample_format.
+  // A vkdenoise_sample_format of floats.
   uint32_t format;
   // Must be 0.
   uint32_t reserved;
@@ -664,7 +722,8 @@ typedef struct vkdenoise_shared_memory {
   uint32_t reserved;
 } vkdenoise_shared_memory;
 
-// A plane in a VkBuffer: three channels (colour, albedo, normal, output) or one (depth, noise).
+// A plane in a VkBuffer: three channels (colour, albedo, normal, output), two (octahedral normals) or one (depth,
+// noise).
 typedef struct vkdenoise_buffer_plane {
   // sizeof(vkdenoise_buffer_plane).
   size_t struct_size;
@@ -710,9 +769,9 @@ typedef struct vkdenoise_buffer_frame {
   const struct vkdenoise_buffer_plane *color;
   // Albedo in [0, 1].
   const struct vkdenoise_buffer_plane *albedo;
-  // Shading normal in [-1, 1], in world or camera space.
+  // Shading normal in world or camera space, as normal_encoding says.
   const struct vkdenoise_buffer_plane *normal;
-  // Depth; larger is farther.
+  // Depth, as depth_encoding says.
   const struct vkdenoise_buffer_plane *depth;
   // The colour's noise.
   const struct vkdenoise_buffer_plane *noise;
@@ -726,6 +785,14 @@ typedef struct vkdenoise_buffer_frame {
   const struct vkdenoise_buffer_signal *signals;
   // How many there are.
   size_t signal_count;
+  // A vkdenoise_normal_encoding.
+  uint32_t normal_encoding;
+  // A vkdenoise_depth_encoding.
+  uint32_t depth_encoding;
+  // Distance of a projection's near plane.
+  float depth_near;
+  // Distance of its far plane.
+  float depth_far;
 } vkdenoise_buffer_frame;
 
 // A two-dimensional image.
@@ -734,11 +801,14 @@ typedef struct vkdenoise_image_plane {
   size_t struct_size;
   // A VkImageView of one 2D level. Inputs need VK_IMAGE_USAGE_SAMPLED_BIT, the output VK_IMAGE_USAGE_STORAGE_BIT.
   uint64_t view;
-  // Its VkFormat: VK_FORMAT_R16G16B16A16_SFLOAT or VK_FORMAT_R32G32B32A32_SFLOAT; depth and noise:
-  // VK_FORMAT_R32_SFLOAT.
+  // Its VkFormat, each VK_FORMAT_...: every plane but depth and noise R16G16B16A16_SFLOAT, R32G32B32A32_SFLOAT;
+  // colour and albedo B10G11R11_UFLOAT_PACK32; albedo R8G8B8A8_UNORM, R8G8B8A8_SRGB; normal R8G8B8A8_UNORM,
+  // A2B10G10R10_UNORM_PACK32, R16G16B16A16_SNORM, and where it is octahedral R16G16_SNORM, R16G16_SFLOAT,
+  // R32G32_SFLOAT; depth and noise R32_SFLOAT, R16_SFLOAT; depth D32_SFLOAT, D16_UNORM.
   uint32_t format;
   // The VkImageLayout that it is in when the commands run: VK_IMAGE_LAYOUT_GENERAL, or for inputs
-  // VK_IMAGE_LAYOUT_SHADER_READ_ONLY_OPTIMAL.
+  // VK_IMAGE_LAYOUT_SHADER_READ_ONLY_OPTIMAL, for depth buffers also VK_IMAGE_LAYOUT_DEPTH_READ_ONLY_OPTIMAL or
+  // VK_IMAGE_LAYOUT_DEPTH_STENCIL_READ_ONLY_OPTIMAL.
   uint32_t layout;
   // Its pixels in x.
   uint32_t width;
@@ -755,9 +825,9 @@ typedef struct vkdenoise_image_frame {
   const struct vkdenoise_image_plane *color;
   // Albedo in [0, 1].
   const struct vkdenoise_image_plane *albedo;
-  // Shading normal in [-1, 1], in world or camera space.
+  // Shading normal in world or camera space, as normal_encoding says.
   const struct vkdenoise_image_plane *normal;
-  // Depth; larger is farther.
+  // Depth, as depth_encoding says.
   const struct vkdenoise_image_plane *depth;
   // The colour's noise.
   const struct vkdenoise_image_plane *noise;
@@ -771,6 +841,14 @@ typedef struct vkdenoise_image_frame {
   const struct vkdenoise_buffer_signal *signals;
   // How many there are.
   size_t signal_count;
+  // A vkdenoise_normal_encoding.
+  uint32_t normal_encoding;
+  // A vkdenoise_depth_encoding.
+  uint32_t depth_encoding;
+  // Distance of a projection's near plane.
+  float depth_near;
+  // Distance of its far plane.
+  float depth_far;
 } vkdenoise_image_frame;
 
 // A value of a timeline semaphore, to wait for or to signal.
