@@ -8,9 +8,11 @@ use super::{
     Traffic, Variant, View, by_storage, flags, groups,
 };
 
+/// Biases of the hidden numbers by a token's pixels, and the reliability's row: 32-bit floats on matrices too.
+const HIDDEN_BIASES: usize = 4 * 32 + 32;
 /// Packed weights that [`KernelInputs`] reads, in 32-bit floats: biases and the reliability's row, then 40 inputs of 32
 /// hidden numbers for each of a token's pixels.
-const HIDDEN_WEIGHTS: usize = (4 * 32 + 32) + 4 * 32 * 40;
+const HIDDEN_WEIGHTS: usize = HIDDEN_BIASES + 4 * 32 * 40;
 /// All of them, with those that [`PredictKernels`] reads: biases, and 32 inputs of 48 outputs.
 pub const WEIGHTS: usize = HIDDEN_WEIGHTS + 48 + 48 * 32;
 /// Rows of the hidden numbers' matrix on matrices: 32 channels of a token, colour and residual of three channels and a
@@ -18,8 +20,8 @@ pub const WEIGHTS: usize = HIDDEN_WEIGHTS + 48 + 48 * 32;
 pub const MATRIX_ROWS: usize = 48;
 /// 32-bit words of the halves that [`KernelInputs`] reads on matrices.
 const HIDDEN_HALVES: usize = 4 * 32 * MATRIX_ROWS / 2;
-/// Words of all of the form for matrices: biases and the reliability's row are 32-bit floats.
-pub const MATRIX_WEIGHTS: usize = 4 * 32 + 32 + 48 + HIDDEN_HALVES + 48 * 32 / 2;
+/// Words of all of the form for matrices.
+pub const MATRIX_WEIGHTS: usize = HIDDEN_BIASES + 48 + HIDDEN_HALVES + 48 * 32 / 2;
 /// How far beyond itself a kernel reads, in tokens of its image.
 pub const REACH: u32 = 2;
 /// How far a kernel over albedo reads.
@@ -119,7 +121,7 @@ impl Kernel for KernelInputs {
     fn others(&self) -> Traffic {
         let words = match self.arithmetic {
             Arithmetic::Floats => HIDDEN_WEIGHTS,
-            Arithmetic::Matrices => 4 * 32 + 32 + HIDDEN_HALVES,
+            Arithmetic::Matrices => HIDDEN_BIASES + HIDDEN_HALVES,
         };
         Traffic::reading([(self.weights, words as u64 * 4)])
     }
