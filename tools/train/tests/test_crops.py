@@ -8,7 +8,7 @@ from vkdn import preprocess
 from vkdn.crops import KEY, Batches, Changes, Store, auxiliary, repair
 
 STILL = dict(blend=0, shift=0, drop_one=0, drop_all=0, fireflies=0, emitters=0, exposure=0, exposure_crop=0, depth=0)
-STILL |= dict(depth_crop=0, hard=0, hard_exposure=0, grain=0, clean=0)
+STILL |= dict(depth_crop=0, hard=0, hard_exposure=0, grain=0, clean=0, shaded=0)
 SIDE = 16
 
 
@@ -26,7 +26,7 @@ class CropsTest(unittest.TestCase):
         kept, parts = store(False)
         kept.add(*parts)
         torch.manual_seed(2)
-        c, aux, target, _ = Batches(kept.finish(), 8, Changes(favour=9, **STILL)).batch()
+        c, aux, target, _ = Batches(kept.finish(), 24, Changes(favour=9, **STILL)).batch()
         crops = ((aux[:, 0, 0, 0] - 0.1) * 4).round().long()
         self.assertEqual(set(crops.tolist()), {0, 1, 2})
         for image, crop, reference in zip(c, crops, target):
@@ -59,7 +59,7 @@ class CropsTest(unittest.TestCase):
         kept.add(*parts)
         _, (color, features, reference, *rest) = store(True)
         kept.add(color, features, torch.full_like(reference, 9), *rest)
-        batches = Batches(kept.finish(), 500, Changes(real=0.25))
+        batches = Batches(kept.finish(), 500, Changes(real=0.25, shaded=0))
         self.assertEqual((kept.real, kept.count), (3, 6))
         torch.manual_seed(5)
         shares = [(batches.pick()[2][:, 0, 0, 0] != 9).float().mean().item() for _ in range(8)]

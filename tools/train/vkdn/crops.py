@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import torch
 import torch.nn.functional as F
 
-from . import preprocess
+from . import preprocess, shaded
 from .packs import FEATURES, LEVELS
 
 KEY = preprocess.MIDDLE_GREY  # of exposed radiance
@@ -43,6 +43,7 @@ class Changes:
     real: float = 0.35  # share of rendered crops of real scenes where there are procedural ones
     clean: float = 0.15  # chance to be given the reference, or a mixture of render and reference with little noise
     clean_bare: float = 0.5  # chance of all features to be missing there
+    shaded: float = 0.12  # chance of radiance computed from the features, without noise or with a known one (shaded.py)
     clean_below: float = 0.03  # what the render of most samples may be off by there (log rms): references are noisy too
 
 
@@ -170,6 +171,7 @@ class Batches:
         n, store, changes = self.size, self.store, self.changes
         real = self.chosen(self.share)
         clean = self.chosen(changes.clean * (len(self.converged) > 0))
+        made = self.chosen(changes.shaded) & ~clean
         # No torch.where between numbers: they would be copied to the device, which a graph cannot do.
         count = (real * store.real + ~real * (store.count - store.real)).clamp_min(1)
         crop = (~real * store.real + self.below_of(count, n)).clamp_max(store.count - 1)
@@ -178,7 +180,7 @@ class Batches:
         u = self.random(n)
         one = sum((u > limit).long() for limit in self.below)
         other = self.below_of(len(LEVELS), n)
-        hard = self.chosen(changes.hard) & ~clean
+        hard = self.chosen(changes.hard) & ~clean & ~made
         # A blend weighs by sample counts: noise of levels and patterns that were not rendered.
         counts = self.samples[one], self.samples[other]
         weight = self.random(n) * counts[1] / (counts[0] + counts[1]) * self.chosen(changes.blend)
@@ -193,7 +195,13 @@ class Batches:
         # Of the clean ones half are the reference itself, half keep 1/2 to 1/64 of the noise.
         noise = torch.exp2(-1 - 5 * self.random(n)) * self.chosen(0.5)
         color = torch.lerp(color, reference, (clean * (1 - noise))[:, None, None, None])
-        return color, features, reference, store.depth_scale[i], store.known[crop], hard, clean
+        if changes.shaded:
+            finest = store.rows.flatten()[crop * store.rows.shape[1] + len(LEVELS) - 1]
+            radiance, told = shaded.shade(take(store.features, finest))
+            either = lambda one, other: torch.where(made[:, None, None, None], one, other)
+            color, features = either(shaded.noisy(radiance), color), either(told, features)
+            reference = either(radiance, reference)
+        return color, features, reference, store.depth_scale[i], store.known[crop], hard, clean | made
 
     def thinned(self, color):
         """Every pixel keeps a part of its radiance and the rest by a chance of 0.3 to 30 %, then as much brighter:

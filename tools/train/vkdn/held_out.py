@@ -2,13 +2,15 @@
 measure it."""
 import torch
 
-from . import preprocess
+from . import preprocess, shaded
 from .crops import KEY, LARGEST, arrays, auxiliary, repair
 from .packs import LEVELS
 
 HARD = "hard"
 HARD_CHANCE = 0.03
 HARD_LEVEL = 1
+# Relative deviation of the noise that shaded crops are given.
+SHADED_NOISE = 0.06
 
 
 def psnr(image, reference):
@@ -41,6 +43,15 @@ class HeldOut:
         self.gain = to(keys[:, [len(LEVELS) - 1]] / keys)
         self.exposure = to(KEY / keys[:, len(LEVELS) - 1])
         self.reference = to(planes["reference"].float())
+        self.shaded = self.shade()
+
+    def shade(self):
+        """Radiance without noise, the same with some, features: the same at every start."""
+        with torch.random.fork_rng():
+            torch.manual_seed(7)
+            radiance, features = shaded.shade(self.features[:, len(LEVELS) - 1].cpu())
+            noisy = radiance * (1 + SHADED_NOISE * torch.randn(len(radiance), 1, *radiance.shape[2:])).clamp_min(0)
+        return [t.to(self.color.device) for t in (radiance, noisy, features)]
 
     def parts(self, at_once):
         """Slices of the views; the reference of each as rendered, and the factor that exposes it as the store has
@@ -54,7 +65,8 @@ class HeldOut:
     def measure(self, network, at_once=6):
         """{"psnr": {level: (of the input, of the output)}, "energy": {level: by what share of the input's the output's
         mean is off, as a mean of sizes}, "clean": the reference given at exposure 1 without features: {"change": root
-        mean square of the change, of the mean, "psnr": to itself}}; means over the views."""
+        mean square of the change, of the mean, "psnr": to itself}, "shaded": of radiance without any noise the same,
+        and with a little {"noisy": PSNR of the input, of the output}}; means over the views."""
         figures = {"psnr": {}, "energy": {}}
         for level, name in enumerate([*map(str, LEVELS), HARD]):
             before, after, off = [], [], []
@@ -68,7 +80,20 @@ class HeldOut:
                 off.append((output.mean((1, 2, 3)) / color.mean((1, 2, 3)) - 1).abs())
             figures["psnr"][name] = tuple(mean(t, 3) for t in (before, after))
             figures["energy"][name] = mean(off, 5)
-        return figures | {"clean": self.clean(network, at_once)}
+        return figures | {"clean": self.clean(network, at_once), "shaded": self.shaded_figures(network, at_once)}
+
+    def shaded_figures(self, network, at_once):
+        changes, itself, before, after = [], [], [], []
+        for first in range(0, len(self.names), at_once):
+            rows = slice(first, first + at_once)
+            radiance, noisy, features = (t[rows] for t in self.shaded)
+            aux = auxiliary(features, self.depth_scale[rows, len(LEVELS) - 1])
+            output = denoised(network, radiance, aux)
+            changes.append((output - radiance).square().mean((1, 2, 3)).sqrt() / radiance.mean((1, 2, 3)))
+            itself.append(psnr(output, radiance))
+            before.append(psnr(noisy, radiance))
+            after.append(psnr(denoised(network, noisy, aux), radiance))
+        return {"change": mean(changes, 5), "psnr": mean(itself, 2), "noisy": (mean(before, 2), mean(after, 2))}
 
     def clean(self, network, at_once):
         changes, itself = [], []
