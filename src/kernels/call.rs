@@ -1,8 +1,8 @@
 //! A kernel with its arguments, whichever it is.
 
 use super::{
-    Access, Grid, Kernel, Tiles, Traffic, View, attention_block, aux_projection, dense, expand, film, frame_io, maps,
-    predicted, converged, separable, signals, stats, unembed, window_attention, winograd,
+    Access, Grid, Kernel, Tiles, Traffic, View, attention_block, aux_projection, converged, dense, expand, film,
+    frame_io, maps, predicted, separable, signals, stats, unembed, window_attention, winograd,
 };
 
 /// Declares [`Call`]: a variant of the enum for each kernel.

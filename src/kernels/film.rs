@@ -4,8 +4,8 @@
 //! left out ([`super::converged`]), it is estimated: a sample of them stands for all.
 
 use super::contracts::{self, halves};
-use super::pushes::{FilmVectorPush, TokenSumPush};
 use super::converged::{MAP_TILE, Sample};
+use super::pushes::{FilmVectorPush, TokenSumPush};
 use super::{
     Access, Addresses, BufferId, Footprint, Kernel, KernelTarget, PushBytes, TokenRect, Traffic, Variant, View,
     by_storage, groups,

@@ -4,8 +4,7 @@ use super::contract::Specialisation;
 use super::contracts::{self, halves};
 use super::dense::Conv3x3;
 use super::{
-    Access, Addresses, Grid, Kernel, KernelTarget, PushBytes, Tiles, Traffic, Variant, View, by_storage,
-    groups,
+    Access, Addresses, Grid, Kernel, KernelTarget, PushBytes, Tiles, Traffic, Variant, View, by_storage, groups,
 };
 use serde::{Deserialize, Serialize};
 
