@@ -245,7 +245,7 @@ fn dense_kernels_have_a_variant_on_matrices() {
                 continue;
             }
             // Nothing is loaded less than once, in vectors of 16 bytes, and everything stored.
-            let (accesses, traffic) = (dispatch.call.accesses(&dispatch.variant).unwrap(), dispatch.traffic());
+            let (accesses, traffic) = (dispatch.call.kernel().accesses(&dispatch.variant).unwrap(), dispatch.traffic());
             let vectors = |touched: &[(BufferId, u64)]| touched.iter().map(|(_, bytes)| bytes).sum::<u64>() / 16;
             assert!(accesses.global_loads >= vectors(&traffic.reads), "{name}: {}", dispatch.name);
             assert!(accesses.global_stores >= vectors(&traffic.writes), "{name}: {}", dispatch.name);

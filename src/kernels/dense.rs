@@ -3,8 +3,7 @@
 mod conv3x3;
 mod linear;
 
-use super::on_matrices;
-use super::{Activation, Arithmetic, BufferId, Storage, TexelRange, Variant, View, activation_flag, flags, groups};
+use super::{Activation, Arithmetic, BufferId, Storage, TexelRange, View, activation_flag, flags};
 
 pub use conv3x3::{Conv3x3, SMALL_CHANNELS};
 pub use linear::Linear;
@@ -17,14 +16,6 @@ pub const NARROW_CHANNELS: u32 = 4;
 /// Output channels that a convolution to `channels` computes per workgroup.
 pub fn conv_tile_channels(channels: u32) -> u32 {
     if channels <= NARROW_CHANNELS { NARROW_CHANNELS } else { TILE_CHANNELS }
-}
-
-/// Workgroups of a variant for tiles and channels; without matrices each computes `tile_channels` of them.
-pub(super) fn dense_groups(variant: &Variant, tiles: u32, channels: u32, tile_channels: u32) -> [u32; 3] {
-    match variant.is_on_matrices() {
-        true => on_matrices::groups_of(variant.special, tiles, channels),
-        false => groups(tiles.div_ceil(variant.tiles_a_group), channels.div_ceil(tile_channels)),
-    }
 }
 
 /// Bytes of a matrix of so many inputs and outputs, and of its biases, as they are packed.

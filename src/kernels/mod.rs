@@ -254,6 +254,11 @@ pub trait Kernel {
     fn texels(&self) -> Vec<TexelRange> {
         Vec::new()
     }
+    /// How often the variant's loops ask for memory; `None` where it depends on the frame, and for what makes lists of
+    /// active tiles.
+    fn accesses(&self, _variant: &Variant) -> Option<Accesses> {
+        None
+    }
     /// Whether its result depends on the frame's colour, or on what may change with every frame: exposure and blend.
     fn reads_color(&self) -> bool {
         false

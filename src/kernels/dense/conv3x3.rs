@@ -1,13 +1,15 @@
 //! Dense 3x3 convolution.
 
-use super::{NARROW_CHANNELS, conv_tile_channels, dense_groups, dense_texels, epilogue_flags, weight_bytes};
+use super::{NARROW_CHANNELS, conv_tile_channels, dense_texels, epilogue_flags, weight_bytes};
+use crate::kernels::accesses::matrix::{TOKENS, Work};
+use crate::kernels::accesses::{Accesses, Block, epilogue_loads};
 use crate::kernels::contract::{Contract, Specialisation};
 use crate::kernels::contracts::{self, halves};
-use crate::kernels::on_matrices;
+use crate::kernels::on_matrices::{self, DEPTH, dense_groups};
 use crate::kernels::pushes::Conv3x3Push;
 use crate::kernels::{
     Access, Activation, Addresses, Arithmetic, BufferId, Grid, Kernel, KernelTarget, PushBytes, Scale, Shuffle,
-    Storage, TexelRange, Tiles, Traffic, Variant, View, by_storage, flags,
+    Storage, TILE, TexelRange, Tiles, Traffic, Variant, View, by_storage, flags,
 };
 
 /// Half a tile's channels: convolutions of stride 1 to no more compute that half alone.
@@ -60,11 +62,22 @@ impl Conv3x3 {
             return None;
         }
         if src.storage == Storage::F32 && src.channels == 4 && self.stride == 1 {
-            return Some((&contracts::CONV3X3_FIRST_MATRIX, on_matrices::conv3x3_first(channels)));
+            return Some((
+                &contracts::CONV3X3_FIRST_MATRIX,
+                Specialisation { tiles: on_matrices::tiles_for(channels), ..Specialisation::default() },
+            ));
         }
         let contract = if self.stride == 2 { &contracts::CONV3X3_S2_MATRIX } else { &contracts::CONV3X3_MATRIX };
-        let special = on_matrices::conv3x3(src.channels, channels, self.stride);
-        special.filter(|_| on_matrices::can_load([src])).map(|special| (contract, special))
+        let special = self.cut().filter(|_| on_matrices::can_load([src]))?;
+        Some((contract, special))
+    }
+
+    /// How the kernel on matrices cuts its work.
+    fn cut(&self) -> Option<Specialisation> {
+        let tiles = on_matrices::tiles_for(self.channels);
+        let tokens = tiles * TILE * (self.stride * (TILE - 1) + 3);
+        let inputs = on_matrices::staged(self.src.channels, tokens, 32, 3, on_matrices::outputs_of(tiles))?;
+        Some(Specialisation { tiles, inputs, ..Specialisation::default() })
     }
 
     fn chosen(&self) -> Option<(&'static Contract, Specialisation)> {
@@ -154,6 +167,27 @@ impl Kernel for Conv3x3 {
     fn texels(&self) -> Vec<TexelRange> {
         dense_texels(&self.src, self.weights, self.film, self.residual.as_ref())
     }
+
+    fn accesses(&self, variant: &Variant) -> Option<Accesses> {
+        if variant.is_on_matrices() {
+            return Some(self.accesses_on_matrices(variant.special));
+        }
+        let contract = variant.contract;
+        let (block, stride) = (Block::of(contract), u64::from(self.stride));
+        let (width, height) = self.result_size();
+        // All taps share what they load, or none, or those of a row do.
+        let [columns, rows] = [block.x, block.y].map(|outputs| (outputs - 1) * stride + 3);
+        let inputs = match (contract.has("ROLLED"), contract.has("BY_TAP")) {
+            (true, _) => rows * columns,
+            (_, true) => 9 * block.x * block.y,
+            _ => 3 * block.y * columns,
+        };
+        let per_four_inputs = inputs + 9 * block.weight_loads(contract);
+        let [epilogue, stores] = self.epilogue_accesses();
+        let loads = block.vectors + u64::from(self.src.channels / 4) * per_four_inputs + block.outputs() * epilogue;
+        let invocations = block.invocations(self.tiles.count(width, height), self.channels);
+        Some(Accesses::each(invocations, loads, block.outputs() * stores))
+    }
 }
 
 impl Conv3x3 {
@@ -180,6 +214,27 @@ impl Conv3x3 {
             tile_count: self.tiles.count(width, height),
             flags: self.tiles.flags(width),
         })
+    }
+
+    /// What a vector of outputs loads and stores beside its sums: an unshuffle scatters scalars.
+    pub(crate) fn epilogue_accesses(&self) -> [u64; 2] {
+        let stores = if self.shuffle == Shuffle::Unshuffle { 4 } else { 1 };
+        [epilogue_loads(self.film.is_some(), self.residual.is_some()), stores]
+    }
+
+    fn accesses_on_matrices(&self, special: Specialisation) -> Accesses {
+        let (width, height) = self.result_size();
+        let [epilogue, _] = self.epilogue_accesses();
+        let inputs = u64::from(self.src.channels);
+        let work = if self.src.storage == Storage::F32 {
+            let rows = u64::from((9 * self.src.channels).next_multiple_of(DEPTH));
+            Work { loads: TOKENS * rows / 4, staged: TOKENS * rows / 8, rows, epilogue }
+        } else {
+            let source_rows = u64::from((TILE - 1) * self.stride + 3);
+            let staged = 3 * source_rows * u64::from(TILE) * inputs / 8;
+            Work { loads: staged, staged, rows: 9 * inputs, epilogue }
+        };
+        work.accesses(special, self.tiles.count(width, height), self.channels)
     }
 
     /// What it reads beside maps, so many bytes of it weights.

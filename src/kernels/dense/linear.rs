@@ -1,14 +1,19 @@
 //! Pointwise convolution.
 
-use super::{TILE_CHANNELS, dense_groups, dense_texels, epilogue_flags, weight_bytes};
+use super::{TILE_CHANNELS, dense_texels, epilogue_flags, weight_bytes};
+use crate::kernels::accesses::matrix::{TOKENS, Work};
+use crate::kernels::accesses::{Accesses, Block, epilogue_loads};
 use crate::kernels::contract::{Contract, Specialisation};
 use crate::kernels::contracts::{self, halves};
-use crate::kernels::on_matrices;
+use crate::kernels::on_matrices::{self, DEPTH, dense_groups, holds, outputs_of};
 use crate::kernels::pushes::LinearPush;
 use crate::kernels::{
     Access, Activation, Addresses, Arithmetic, BufferId, Grid, Kernel, KernelTarget, PushBytes, Scale, Storage,
     TexelRange, Tiles, Traffic, Variant, View, by_storage,
 };
+
+/// Rows of weights that are staged at a time for normed tokens.
+const NORMED_ROWS: u32 = 32;
 
 /// `act(film(W norm([src | src_b]) + bias) + residual)` for every token.
 #[derive(Clone, Debug, PartialEq)]
@@ -49,10 +54,30 @@ impl Linear {
     }
 
     fn on_matrices(&self) -> Option<Specialisation> {
-        let special = on_matrices::linear(self.inputs(), self.dst.channels, self.norm)?;
+        let special = self.cut()?;
         let fits =
             self.dst.storage == Storage::F16 && on_matrices::can_load([&self.src].into_iter().chain(&self.src_b));
         fits.then_some(special)
+    }
+
+    /// How the kernel on matrices cuts its work.
+    fn cut(&self) -> Option<Specialisation> {
+        let (inputs, mut tiles) = (self.inputs(), on_matrices::tiles_for(self.dst.channels));
+        let tokens = |tiles: u32| tiles * on_matrices::TOKENS;
+        if !self.norm {
+            let inputs = inputs.next_multiple_of(DEPTH);
+            let inputs = on_matrices::staged(inputs, tokens(tiles), 128, 1, outputs_of(tiles))?;
+            return Some(Specialisation { tiles, inputs, ..Specialisation::default() });
+        }
+        // All inputs at once; a power of two of invocations share a token.
+        if !inputs.is_multiple_of(DEPTH) || !inputs.is_power_of_two() {
+            return None;
+        }
+        let fits = |tiles: u32| holds(tokens(tiles), inputs, inputs.min(NORMED_ROWS), outputs_of(tiles));
+        while tiles > 1 && !fits(tiles) {
+            tiles /= 2;
+        }
+        fits(tiles).then(|| Specialisation { tiles, inputs, ..Specialisation::default() })
     }
 
     fn chosen(&self) -> Option<Specialisation> {
@@ -70,6 +95,17 @@ impl Linear {
             (false, true) => of(&contracts::LINEAR_CPU, &halves::LINEAR_CPU),
             (false, false) => of(&contracts::LINEAR, &halves::LINEAR),
         }
+    }
+
+    pub(crate) fn epilogue_loads(&self) -> u64 {
+        epilogue_loads(self.film.is_some(), self.residual.is_some())
+    }
+
+    fn accesses_on_matrices(&self, special: Specialisation) -> Accesses {
+        let rows = u64::from(self.inputs().next_multiple_of(DEPTH));
+        let (loads, staged) = (TOKENS * u64::from(self.inputs()) / 8, TOKENS * rows / 8);
+        let work = Work { loads, staged, rows, epilogue: self.epilogue_loads() };
+        work.accesses(special, self.tiles.count(self.dst.width, self.dst.height), self.dst.channels)
     }
 
     /// What becomes of its sums.
@@ -162,5 +198,25 @@ impl Kernel for Linear {
         let mut ranges = dense_texels(&self.src, self.weights, self.film, self.residual.as_ref());
         ranges.push(self.src_b.as_ref().unwrap_or(&self.src).into());
         ranges
+    }
+
+    fn accesses(&self, variant: &Variant) -> Option<Accesses> {
+        if variant.is_on_matrices() {
+            return Some(self.accesses_on_matrices(variant.special));
+        }
+        let (contract, inputs) = (variant.contract, u64::from(self.inputs() / 4));
+        let mut block = Block::of(contract);
+        // Inputs are loaded once, or for every block of outputs anew, and once for the mean and once for the deviation.
+        let (tokens, weights) = match contract.has("INPUTS") {
+            true => {
+                block.vectors = u64::from(self.dst.channels / 4);
+                (1, block.vectors * inputs.div_ceil(2))
+            }
+            false => (1 + 2 * u64::from(self.norm), inputs * block.weight_loads(contract)),
+        };
+        let loads =
+            block.vectors + inputs * tokens * block.x * block.y + weights + block.outputs() * self.epilogue_loads();
+        let tiles = self.tiles.count(self.dst.width, self.dst.height);
+        Some(Accesses::each(block.invocations(tiles, self.dst.channels), loads, block.outputs()))
     }
 }

@@ -1,6 +1,8 @@
 //! What kernels of pixels are predicted from.
 
-use super::{HIDDEN_BIASES, HIDDEN_HALVES, HIDDEN_WEIGHTS};
+use super::{HIDDEN_BIASES, HIDDEN_HALVES, HIDDEN_WEIGHTS, MATRIX_ROWS};
+use crate::kernels::accesses::matrix::{OUTPUTS, SUBGROUPS, TOKENS};
+use crate::kernels::accesses::{self, Accesses};
 use crate::kernels::contracts::{self, halves};
 use crate::kernels::pushes::KernelInputsPush;
 use crate::kernels::{
@@ -37,6 +39,22 @@ impl KernelInputs {
     /// Whether there is a kernel on matrices for its maps: whole vectors of halves.
     pub fn fits_matrices(&self) -> bool {
         self.tokens.is_vectors_of_halves() && self.dst.storage == Storage::F16
+    }
+
+    /// Four pixels a token, 32 hidden numbers each.
+    fn accesses_on_matrices(&self) -> Accesses {
+        let tiles = u64::from(self.tiles.count(self.tokens.width, self.tokens.height));
+        let (pixels, rows) = (4 * TOKENS, MATRIX_ROWS as u64);
+        // Of a token its channels, of a pixel colour and residual; of these two vectors each. Then every phase's
+        // weights.
+        let staged = TOKENS * OUTPUTS / 8 + 2 * pixels + SUBGROUPS * rows * OUTPUTS / 8;
+        let results = pixels * OUTPUTS / 4;
+        Accesses {
+            global_loads: tiles * (staged + 3 * results + 3 * pixels),
+            global_stores: tiles * (results + pixels),
+            shared_loads: tiles * (SUBGROUPS * (TOKENS + OUTPUTS) * rows / 8 + results + pixels),
+            shared_stores: tiles * (staged + results + pixels),
+        }
     }
 }
 
@@ -110,5 +128,15 @@ impl Kernel for KernelInputs {
     fn texels(&self) -> Vec<TexelRange> {
         let maps = [&self.early, &self.tokens, &self.albedo, &self.color, &self.residual].map(TexelRange::from);
         maps.into_iter().chain([self.weights.into()]).collect()
+    }
+
+    fn accesses(&self, variant: &Variant) -> Option<Accesses> {
+        if variant.is_on_matrices() {
+            return Some(self.accesses_on_matrices());
+        }
+        let tokens = variant.contract.define("TX");
+        let invocations = accesses::tokens(&self.tiles, &self.tokens) * 4 / tokens;
+        let loads = 1 + tokens * (8 + 8 + 3) + 8 * (2 + accesses::row_loads(variant.contract, 40));
+        Some(Accesses::each(invocations, loads, tokens * (8 + 1)))
     }
 }

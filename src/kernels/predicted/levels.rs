@@ -1,6 +1,7 @@
 //! Coarser levels of images: made, filtered by their tokens' kernels, and mixed.
 
 use super::REACH;
+use crate::kernels::accesses::{self, Accesses};
 use crate::kernels::contracts;
 use crate::kernels::pushes::{ApplyKernelsPush, HalvePush, MixLevelsPush};
 use crate::kernels::signals::SignalKind;
@@ -60,6 +61,11 @@ impl Kernel for Halve {
 
     fn texels(&self) -> Vec<TexelRange> {
         vec![(&self.src).into()]
+    }
+
+    fn accesses(&self, _: &Variant) -> Option<Accesses> {
+        let vectors = u64::from(self.dst.channels / 4);
+        Some(Accesses::each(accesses::tokens(&self.tiles, &self.dst), 4 * vectors, vectors))
     }
 }
 
@@ -124,6 +130,19 @@ impl Kernel for ApplyKernels {
 
     fn texels(&self) -> Vec<TexelRange> {
         vec![(&self.logits).into(), (&self.sums).into()]
+    }
+
+    fn accesses(&self, variant: &Variant) -> Option<Accesses> {
+        let tiles = u64::from(self.tiles.count(self.dst.width, self.dst.height)) * u64::from(self.dst.channels / 4);
+        let mut accesses = Accesses::each(tiles * 64, 7, 1);
+        match variant.contract.has("TEXELS") {
+            true => accesses.global_loads += tiles * 64 * 28,
+            false => {
+                accesses.global_loads += tiles * 144;
+                (accesses.shared_loads, accesses.shared_stores) = (tiles * 64 * 28, tiles * 144);
+            }
+        }
+        Some(accesses)
     }
 }
 
@@ -225,5 +244,12 @@ impl Kernel for MixLevels {
         let levels = (0..4).map(|level| self.level(level));
         let direct = self.direct_or_pixels();
         [&self.pixels].into_iter().chain(levels).chain(&direct).map(TexelRange::from).collect()
+    }
+
+    fn accesses(&self, _: &Variant) -> Option<Accesses> {
+        let (images, levels) = (u64::from(self.dst.channels / 4), self.levels.len() as u64);
+        let direct = 2 * u64::from(self.direct.is_some());
+        let loads = 2 + images * (1 + 4 * levels) + direct;
+        Some(Accesses::each(accesses::tokens(&self.tiles, &self.dst), loads, images))
     }
 }

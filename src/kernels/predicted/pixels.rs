@@ -1,11 +1,13 @@
 //! Kernels of every pixel, predicted and applied at full size.
 
 use super::{ALBEDO_REACH, REACH};
+use crate::kernels::accesses::matrix::{OUTPUTS, TOKENS};
+use crate::kernels::accesses::{self, Accesses};
 use crate::kernels::contracts;
 use crate::kernels::pushes::PredictKernelsPush;
 use crate::kernels::{
-    Access, Addresses, Arithmetic, BufferId, Grid, Kernel, KernelTarget, PushBytes, Scale, Storage, TexelRange, Tiles,
-    Traffic, Variant, View, groups,
+    Access, Addresses, Arithmetic, BufferId, Grid, Kernel, KernelTarget, PushBytes, Scale, Storage, TILE, TexelRange,
+    Tiles, Traffic, Variant, View, groups,
 };
 
 /// The kernels of every pixel, predicted and applied at full size ([`crate::net::OpKind::PredictKernels`]).
@@ -32,6 +34,20 @@ impl PredictKernels {
     /// Whether there is a kernel on matrices for its maps: whole vectors of halves.
     pub fn fits_matrices(&self) -> bool {
         self.hidden.is_vectors_of_halves()
+    }
+
+    /// 48 outputs a pixel by two subgroups, and 25 and nine taps.
+    fn accesses_on_matrices(&self) -> Accesses {
+        let tiles = u64::from(self.tiles.count(self.dst.width, self.dst.height));
+        let (rows, outputs) = (OUTPUTS, 48);
+        let staged = TOKENS * rows / 8 + 2 * u64::from((TILE + 4) * (TILE + 4)) + rows * outputs / 8;
+        let results = TOKENS * outputs / 4;
+        Accesses {
+            global_loads: tiles * (staged + results),
+            global_stores: tiles * TOKENS * 3,
+            shared_loads: tiles * ((TOKENS + 2 * outputs) * rows / 8 + results + TOKENS * (25 + 9)),
+            shared_stores: tiles * (staged + results),
+        }
     }
 }
 
@@ -99,5 +115,27 @@ impl Kernel for PredictKernels {
 
     fn texels(&self) -> Vec<TexelRange> {
         vec![(&self.hidden).into(), (&self.taps).into(), (&self.albedo).into(), self.weights.into()]
+    }
+
+    fn accesses(&self, variant: &Variant) -> Option<Accesses> {
+        if variant.is_on_matrices() {
+            return Some(self.accesses_on_matrices());
+        }
+        let contract = variant.contract;
+        let pixels = contract.define("TX");
+        let tiles = u64::from(self.tiles.count(self.dst.width, self.dst.height));
+        let invocations = accesses::tokens(&self.tiles, &self.dst) / pixels;
+        let loads = pixels * 8 + 12 * (1 + accesses::row_loads(contract, 32));
+        let mut accesses = Accesses::each(invocations, loads, 3 * pixels);
+        // Taps beyond the last one are read too.
+        let taps = invocations * pixels * (28 + 12);
+        match contract.has("TEXELS") {
+            true => accesses.global_loads += taps,
+            false => {
+                accesses.global_loads += tiles * 2 * 144;
+                (accesses.shared_loads, accesses.shared_stores) = (taps, tiles * 2 * 144);
+            }
+        }
+        Some(accesses)
     }
 }
