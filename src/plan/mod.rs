@@ -3,8 +3,6 @@
 
 pub mod active;
 pub(crate) mod arena;
-mod attention_block;
-mod aux_projection;
 mod bands;
 mod featureless;
 mod features;

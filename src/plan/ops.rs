@@ -1,34 +1,21 @@
 //! From one operation to its kernel.
 
-use super::fuse::{conv_pack, fuse, is_separable};
 use super::lower::{Lowering, Partials};
 use super::pack::{Pack, linear_outputs};
 use crate::kernels::dense::NARROW_CHANNELS;
-use crate::kernels::winograd::Winograd3x3;
+use crate::kernels::winograd::{Winograd3x3, WinogradTile};
 use crate::kernels::{
     Arithmetic, BufferId, Call, Storage, Tiles, View, dense, film, maps, predicted, unembed, window_attention,
 };
-use crate::net::op::{Op, OpKind, Slice, conv_outputs};
+use crate::net::op::{ConvWeight, Op, OpKind, Shuffle, Slice, conv_outputs};
 
 impl Lowering<'_> {
-    /// The kernel of the operation at `at` and of those that it swallows, the FLOPs of all of them, and how many they
-    /// are.
+    /// The kernel of the operation at `at`, or of those that begin there and run as one, the FLOPs of all of them, and
+    /// how many they are.
     pub(super) fn ops_at(&mut self, at: usize) -> (Call, u64, usize) {
-        if let Some(projection) = self.aux_projection(at) {
-            return projection;
-        }
-        if let Some(block) = self.attention_block(at) {
-            return block;
-        }
-        let graph = self.graph;
-        let op = &graph.ops[at];
-        let (call, flops) = (self.op(op), self.flops(op));
-        let (form, inputs) = (self.options.separable, graph.result(op).channels);
-        let fuses = |next: &&Op| form.fuses(inputs, graph.result(next).channels) && is_separable(graph, at);
-        match graph.ops.get(at + 1).filter(fuses) {
-            Some(next) => (fuse(call, self.op(next)), flops + self.flops(next), 2),
-            None => (call, flops, 1),
-        }
+        let (call, ops) = self.fused(at).unwrap_or_else(|| (self.op(&self.graph.ops[at]), 1));
+        let flops = self.graph.ops[at..at + ops].iter().map(|op| self.flops(op)).sum();
+        (call, flops, ops)
     }
 
     /// The kernel of an operation. Kernels that must run before it are pushed.
@@ -257,5 +244,20 @@ fn kernels_pack(head: &str, levels: u32, arithmetic: Arithmetic) -> Pack {
     match arithmetic {
         Arithmetic::Floats => Pack::Kernels { head, levels },
         Arithmetic::Matrices => Pack::KernelsMatrix { head, levels },
+    }
+}
+
+/// The weights of a dense 3x3 convolution, as the kernel that was chosen reads them.
+fn conv_pack(
+    weight: &ConvWeight,
+    bias: bool,
+    (inputs, outputs): (u32, u32),
+    shuffle: Shuffle,
+    tile: Option<WinogradTile>,
+) -> Pack {
+    let (weight, shuffle) = (weight.clone(), shuffle == Shuffle::Shuffle);
+    match tile {
+        Some(tile) => Pack::Winograd3x3 { weight, bias, inputs, outputs, shuffle, tile },
+        None => Pack::Conv3x3 { weight, bias, inputs, outputs, shuffle },
     }
 }
