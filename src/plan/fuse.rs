@@ -1,7 +1,7 @@
 //! Operations that run as one kernel: a rule for each such kernel.
 
-use super::lower::Lowering;
 use super::pack::Pack;
+use super::steps::Steps;
 use crate::kernels::attention_block::AttentionBlock;
 use crate::kernels::aux_projection::AuxProjection;
 use crate::kernels::separable::Separable3x3;
@@ -16,7 +16,7 @@ const PROJECTION_OPS: usize = 9;
 /// projection.
 const ATTENTION_OPS: usize = 4;
 
-impl Lowering<'_> {
+impl Steps<'_> {
     /// The kernel of several operations that begin at `at`, by the first rule that has one, and how many they are.
     pub(super) fn fused(&mut self, at: usize) -> Option<(Call, usize)> {
         let rules = [Self::aux_projection, Self::attention_block, Self::separable];
@@ -28,7 +28,7 @@ impl Lowering<'_> {
     /// side.
     fn aux_projection(&mut self, at: usize) -> Option<(Call, usize)> {
         let graph = self.graph;
-        if self.options.arithmetic != Arithmetic::Matrices || self.options.converged.is_some() {
+        if self.target.arithmetic != Arithmetic::Matrices || self.target.converged.is_some() {
             return None;
         }
         let ops = graph.ops.get(at..at + PROJECTION_OPS)?;
@@ -78,7 +78,7 @@ impl Lowering<'_> {
     /// none begins there, where no kernel takes it, and where kernels of their own are asked for.
     fn attention_block(&mut self, at: usize) -> Option<(Call, usize)> {
         let graph = self.graph;
-        if self.options.arithmetic != Arithmetic::Matrices || self.options.attention != AttentionForm::Joined {
+        if self.target.arithmetic != Arithmetic::Matrices || self.target.attention != AttentionForm::Joined {
             return None;
         }
         let ops = graph.ops.get(at..at + ATTENTION_OPS)?;
@@ -108,7 +108,7 @@ impl Lowering<'_> {
 
     /// A depthwise convolution and the Linear that alone reads its result, all of it.
     fn separable(&mut self, at: usize) -> Option<(Call, usize)> {
-        let (graph, form) = (self.graph, self.options.separable);
+        let (graph, form) = (self.graph, self.target.separable);
         let [depthwise, pointwise] = graph.ops.get(at..at + 2)? else { return None };
         let (OpKind::Depthwise3x3 { output, .. }, OpKind::Linear { inputs, .. }) = (&depthwise.kind, &pointwise.kind)
         else {

@@ -228,10 +228,9 @@ impl Kernel for MixLevels {
 
     fn maps(&mut self, visit: &mut dyn FnMut(&mut View, Access)) {
         visit(&mut self.pixels, Access::SAME);
-        for level in &mut self.levels {
+        for (i, level) in self.levels.iter_mut().enumerate() {
             // The tokens that hold the pixels, and their neighbours.
-            let by = self.dst.width / level.width;
-            visit(level, Access::Read(Footprint::Coarser { by, reach: 1 }));
+            visit(level, Access::Read(Footprint::Coarser { by: 2 << i, reach: 1 }));
         }
         if let Some((color, residual)) = &mut self.direct {
             visit(color, Access::SAME);
