@@ -176,14 +176,12 @@ pub(crate) fn target(device: &Device, options: &Options) -> Result<Target> {
         .map_err(|need| Error::Unsupported { device: device.info().name.clone(), missing: need.to_string() })
 }
 
-/// Packs the weights into the device's own memory, by a copy of our own queue; on a renderer's device, which keeps its
-/// queues, into memory that the host can write too.
+/// Packs the weights into the device's own memory, by a copy; on a renderer's device that lends no queue for it, into
+/// memory that the host can write too.
 fn upload(device: &Device, packing: &Packing, weights: &Weights) -> Result<Buffer> {
     let mut packed = Buffer::new(device, "packed weights", packing.bytes(), MemoryLocation::CpuToGpu)?;
     packing.write(weights, packed.bytes_mut())?;
-    if device.queue().is_none() {
-        return Ok(packed);
-    }
+    let Some(queue) = device.upload_queue() else { return Ok(packed) };
     let own = Buffer::new(device, "weights", packing.bytes(), MemoryLocation::GpuOnly)?;
     let copy = [vk::BufferCopy { src_offset: 0, dst_offset: 0, size: packing.bytes() }];
     let mut submission = Submission::new(device)?;
@@ -197,6 +195,6 @@ fn upload(device: &Device, packing: &Packing, weights: &Weights) -> Result<Buffe
         }
         Ok(())
     })?;
-    submission.run()?;
+    submission.run_on(queue)?;
     Ok(own)
 }

@@ -31,6 +31,8 @@ struct Inner {
     queue_family: u32,
     /// The queue of our own device. A renderer keeps its queues to itself.
     queue: Option<Mutex<vk::Queue>>,
+    /// The renderer's queue that weights may be copied on.
+    upload_queue: Option<Mutex<vk::Queue>>,
     /// Set where pipelines capture statistics.
     executables: Option<khr::pipeline_executable_properties::Device>,
     /// What can be shared with other APIs and devices: nothing of a renderer's, which shares its own.
@@ -142,6 +144,11 @@ impl Device {
 
     pub(crate) fn queue(&self) -> Option<&Mutex<vk::Queue>> {
         self.0.queue.as_ref()
+    }
+
+    /// The queue on which weights are copied: our own, or one that the renderer lends for that alone.
+    pub(crate) fn upload_queue(&self) -> Option<&Mutex<vk::Queue>> {
+        self.queue().or(self.0.upload_queue.as_ref())
     }
 }
 

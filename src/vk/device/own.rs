@@ -154,6 +154,7 @@ impl Device {
             memory_in_use: AtomicU64::new(0),
             queue_family,
             queue: Some(Mutex::new(queue)),
+            upload_queue: None,
             executables,
             interop,
             local_types: caps::local_types(&instance.raw, physical),

@@ -8,8 +8,8 @@ use crate::vk::interop::Interop;
 use crate::vk::pipeline_cache::PipelineCache;
 use crate::vk::{Checked, debug, matrix};
 use ash::{ext, khr, vk};
-use std::sync::Arc;
 use std::sync::atomic::AtomicU64;
+use std::sync::{Arc, Mutex};
 
 /// A renderer's device, as it hands it over: [`RendererDevice::new`], or of numbers [`RendererDevice::from_raw`].
 #[derive(Clone)]
@@ -39,6 +39,10 @@ pub struct RendererDevice {
     pub debug_utils: bool,
     /// Where compiled kernels are kept for the next process.
     pub cache: Cache,
+    /// A queue of `queue_family` that [`crate::Denoiser::new`] may submit to and wait for: weights then go to memory that
+    /// is the GPU's own, by a copy. `None`: they stay where the host writes them, in memory that is both where the
+    /// device has such, and otherwise in the host's, which kernels read over the bus at every frame.
+    pub upload_queue: Option<vk::Queue>,
 }
 
 impl RendererDevice {
@@ -62,6 +66,7 @@ impl RendererDevice {
             cooperative_matrix: None,
             debug_utils: false,
             cache: Cache::User,
+            upload_queue: None,
         }
     }
 }
@@ -72,8 +77,9 @@ impl Device {
         caps::requirements()
     }
 
-    /// Uses a renderer's device. The library makes its own memory, pipelines and descriptor sets on it and never
-    /// submits or waits: passes are recorded into the renderer's command buffers ([`crate::Pass::record`]).
+    /// Uses a renderer's device. The library makes its own memory, pipelines and descriptor sets on it. Passes are
+    /// recorded into the renderer's command buffers ([`crate::Pass::record`]); nothing is submitted or waited for, but
+    /// by [`crate::Denoiser::new`] on [`RendererDevice::upload_queue`] where that is given.
     ///
     /// # Errors
     /// [`Error::Unsupported`] where the physical device cannot run the denoiser at all; [`Error::InvalidOption`] where
@@ -82,7 +88,9 @@ impl Device {
     /// # Safety
     /// The handles must be valid, belong together and outlive this `Device` and everything made from it; the device
     /// must have been created with everything of [`Device::requirements`] enabled, and with those of its optional
-    /// features that `renderer` says were.
+    /// features that `renderer` says were. An `upload_queue` is a queue of that device and of `queue_family`, and no
+    /// other thread submits to it, or does anything else that Vulkan wants externally synchronised with it, while a
+    /// [`crate::Denoiser::new`] on this `Device` or a clone of it runs; those synchronise among themselves.
     pub unsafe fn from_renderer(renderer: RendererDevice) -> Result<Self> {
         let RendererDevice {
             instance,
@@ -96,6 +104,7 @@ impl Device {
             cooperative_matrix,
             debug_utils,
             cache,
+            upload_queue,
         } = renderer;
         // SAFETY: the caller vouches for the handles.
         let physicals = unsafe { instance.enumerate_physical_devices() }.called("vkEnumeratePhysicalDevices")?;
@@ -130,6 +139,7 @@ impl Device {
             memory_in_use: AtomicU64::new(0),
             queue_family,
             queue: None,
+            upload_queue: upload_queue.filter(|queue| *queue != vk::Queue::null()).map(Mutex::new),
             executables: None,
             interop: Interop::default(),
             local_types: caps::local_types(&instance, physical_device),
