@@ -84,6 +84,7 @@ impl Pass {
     }
 
     /// The plan, for reports.
+    #[cfg_attr(not(feature = "internals"), doc(hidden))]
     pub fn plan(&self) -> &Plan {
         &self.plan
     }

@@ -48,6 +48,7 @@ impl MapSize {
     }
 
     /// Sums of the map.
+    #[cfg_attr(not(feature = "internals"), doc(hidden))]
     pub fn sums(&self) -> u32 {
         (self.columns + 1) * (self.rows + 1)
     }
