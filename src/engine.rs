@@ -7,7 +7,7 @@ use crate::net::graph::Graph;
 use crate::net::weights::{ExposureRule, Weights, WeightsError};
 use crate::options::{Exposure, Options};
 use crate::pipelines::Pipelines;
-use crate::plan::{Place, Plan, plan, plan_in};
+use crate::plan::{Packing, Plan, packing, plan, plan_in};
 use crate::signals;
 use crate::target::Target;
 use crate::vk::device::Device;
@@ -51,18 +51,23 @@ impl Engine {
             signals::check_head(weights.arch())?;
         }
         let graph = Graph::new(weights.arch()).map_err(WeightsError::from)?;
-        // The packing is the same at every size.
-        let smallest = plan(&graph, Extent::new(1, 1), &target)?;
-        let engine = Self::of_plan(device, graph, &smallest, weights, target)?;
+        let packing = packing(&graph, &target);
+        let engine = Self::with_packing(device, graph, &packing, weights, target)?;
         let converged_threshold = options.converged.map_or(0.0, |converged| converged.threshold);
         let Options { memory_budget, label_kernels, .. } = *options;
         Ok(Self { memory_budget, converged_threshold, label_kernels, ..engine })
     }
 
-    /// For plans that pack the weights as `plan` does, which was made for `target`.
-    pub fn of_plan(device: &Device, graph: Graph, plan: &Plan, weights: &Weights, target: Target) -> Result<Self> {
+    /// For plans that are made for `target` and read the weights as `packing` has them.
+    pub fn with_packing(
+        device: &Device,
+        graph: Graph,
+        packing: &Packing,
+        weights: &Weights,
+        target: Target,
+    ) -> Result<Self> {
         Ok(Self {
-            weights: upload(device, plan, weights)?,
+            weights: upload(device, packing, weights)?,
             pipelines: Pipelines::new(device),
             device: device.clone(),
             graph,
@@ -171,24 +176,14 @@ pub(crate) fn target(device: &Device, options: &Options) -> Result<Target> {
         .map_err(|need| Error::Unsupported { device: device.info().name.clone(), missing: need.to_string() })
 }
 
-/// Packs the weights into the device's own memory, by a copy of our own queue; on a renderer's device, which keeps its
-/// queues, into memory that the host can write too.
-fn upload(device: &Device, plan: &Plan, weights: &Weights) -> Result<Buffer> {
-    let mut packed = Buffer::new(device, "packed weights", plan.weights_bytes, MemoryLocation::CpuToGpu)?;
-    let bytes = packed.bytes_mut();
-    bytes.fill(0);
-    for planned in &plan.buffers {
-        if let Place::Weights { pack, offset } = &planned.place {
-            let words = pack.words(weights)?;
-            let start = *offset as usize;
-            bytes[start..start + 4 * words.len()].copy_from_slice(bytemuck::cast_slice(&words));
-        }
-    }
-    if device.queue().is_none() {
-        return Ok(packed);
-    }
-    let own = Buffer::new(device, "weights", plan.weights_bytes, MemoryLocation::GpuOnly)?;
-    let copy = [vk::BufferCopy { src_offset: 0, dst_offset: 0, size: plan.weights_bytes }];
+/// Packs the weights into the device's own memory, by a copy; on a renderer's device that lends no queue for it, into
+/// memory that the host can write too.
+fn upload(device: &Device, packing: &Packing, weights: &Weights) -> Result<Buffer> {
+    let mut packed = Buffer::new(device, "packed weights", packing.bytes(), MemoryLocation::CpuToGpu)?;
+    packing.write(weights, packed.bytes_mut())?;
+    let Some(queue) = device.upload_queue() else { return Ok(packed) };
+    let own = Buffer::new(device, "weights", packing.bytes(), MemoryLocation::GpuOnly)?;
+    let copy = [vk::BufferCopy { src_offset: 0, dst_offset: 0, size: packing.bytes() }];
     let mut submission = Submission::new(device)?;
     submission.record(|commands| {
         let copied = (vk::PipelineStageFlags::TRANSFER, vk::AccessFlags::TRANSFER_WRITE);
@@ -200,6 +195,6 @@ fn upload(device: &Device, plan: &Plan, weights: &Weights) -> Result<Buffer> {
         }
         Ok(())
     })?;
-    submission.run()?;
+    submission.run_on(queue)?;
     Ok(own)
 }

@@ -1,22 +1,21 @@
 //! The host path: planes in host memory, a command buffer of our own, a wait.
 
+mod staging;
+
 use crate::engine::Engine;
 use crate::error::{Error, Result};
-use crate::formats::SampleFormat;
-use crate::frame::{Extent, Features, Frame, Layout, NoiseKind, Plane, PlaneMut, Region};
+use crate::frame::{Extent, Features, Frame, NoiseKind};
 use crate::host_signals::SignalPlanes;
-use crate::kernels::planes::Planes;
 use crate::kernels::stats::{EXPOSURE, STATS_FLOATS};
-use crate::memory::{MemoryRequired, floats_before, input_bytes, output_bytes, plane_bytes};
+use crate::memory::{input_bytes, output_bytes, plane_bytes};
 use crate::options::{FrameOptions, Report};
 use crate::pass::{Binding, Pass};
 use crate::plan::active::{ActiveTiles, Work};
 use crate::plan::{Dispatch, Plan};
 use crate::profile::{KernelRecord, Profiler};
 use crate::progress::{self, Pieces, Progress};
-use crate::renderer::BufferPlane;
 use crate::role::Role;
-use crate::signals::{Signal, SignalKind};
+use crate::signals::SignalKind;
 use crate::vk::caps::DeviceKind;
 use crate::vk::memory::Buffer;
 use crate::vk::submit::{Submission, barrier};
@@ -119,38 +118,6 @@ impl HostPass {
 
     pub fn extent(&self) -> Extent {
         self.pass.plan().extent
-    }
-
-    /// Stages the colour.
-    pub fn write_color(&mut self, color: &Plane) {
-        self.write(Role::Color, color);
-    }
-
-    fn write(&mut self, role: Role, plane: &Plane) {
-        let extent = self.extent();
-        let (first, pixels) = (floats_before(role), extent.pixels());
-        let floats: &mut [f32] = bytemuck::cast_slice_mut(self.input.bytes_mut());
-        let planes = &mut floats[(first * pixels) as usize..];
-        plane.pack_as(role, extent, &mut planes[..role.channels() * pixels as usize]);
-    }
-
-    /// Stages the signals of the next run.
-    pub fn write_signals(&mut self, signals: &[Signal]) -> Result<()> {
-        let extent = self.extent();
-        if signals.len() > self.signals.room() {
-            // What names the old planes goes first.
-            (self.recorded, self.binding, self.signals) = (None, None, SignalPlanes::default());
-            let host = MemoryRequired::of_plan(self.pass.plan()).host();
-            self.engine.check_memory(extent, host + SignalPlanes::bytes(extent, signals.len()))?;
-            self.signals = SignalPlanes::new(&self.engine.device, extent, signals.len())?;
-        }
-        self.signals.write(extent, signals);
-        Ok(())
-    }
-
-    /// Writes the results to the signals' outputs; `region` as in the last run.
-    pub fn read_signals(&self, signals: &mut [Signal], region: Option<Region>) {
-        self.signals.read(self.extent(), region, signals);
     }
 
     /// Where the last run was active; `None` where nothing is left out.
@@ -275,64 +242,6 @@ impl HostPass {
     /// What was read back of the plan ([`Plan::read_back`]) in the last run.
     pub fn read_back(&self) -> &[u8] {
         &self.output.bytes()[plane_bytes(self.extent()) as usize..]
-    }
-
-    /// Copies the features, and says which there are.
-    fn stage(&mut self, features: &Features) -> [bool; Role::FEATURES.len()] {
-        Role::FEATURES.map(|role| {
-            let plane = features.plane(role);
-            plane.into_iter().for_each(|plane| self.write(role, plane));
-            plane.is_some()
-        })
-    }
-
-    /// Copies what is known of the colour's noise, where that is asked for, and says what it is.
-    fn stage_noise(&mut self, features: &Features) -> Option<NoiseKind> {
-        let noise = features.noise.filter(|_| self.pass.plan().converged.is_some())?;
-        self.write(Role::Noise, &noise.plane);
-        Some(noise.kind)
-    }
-
-    fn kept_features(&self) -> Result<[bool; Role::FEATURES.len()]> {
-        self.kept.ok_or_else(|| Error::InvalidOption {
-            option: "features_unchanged",
-            reason: "no frame of this size was denoised before".into(),
-        })
-    }
-
-    /// Writes the result to the caller's plane; `region` as in the last run.
-    pub fn read(&self, output: &mut PlaneMut, region: Option<Region>) {
-        let extent = self.extent();
-        let region = region.unwrap_or(Region::all(extent));
-        output.unpack(extent, region, 3, bytemuck::cast_slice(&self.output.bytes()[..12 * extent.pixels() as usize]));
-    }
-
-    fn bind(&self, (features, noise): Present) -> Result<Binding> {
-        let extent = self.extent();
-        let (device, signals) = (&self.engine.device, self.signals.planes(extent));
-        let [from, to] = self.in_device.as_ref().map_or([&self.input, &self.output], |[input, output]| [input, output]);
-        let place = |role: Role| match role {
-            Role::Output => (to, plane_bytes(extent), 0),
-            _ => (from, input_bytes(self.pass.plan()), floats_before(role)),
-        };
-        let present = Role::FEATURES.into_iter().zip(features).filter(|(_, present)| *present).map(|(role, _)| role);
-        let mut planes = Planes::default();
-        for role in [Role::Color, Role::Output].into_iter().chain(present).chain(noise.map(|_| Role::Noise)) {
-            let (buffer, size, first) = place(role);
-            let packed = Layout::interleaved(extent, role.channels());
-            let plane = BufferPlane {
-                buffer: buffer.raw(),
-                size,
-                format: SampleFormat::F32,
-                layout: Layout { offset: (first * extent.pixels()) as usize, ..packed },
-            };
-            // SAFETY: the buffers are our own and as described; the same below.
-            planes[role] = unsafe { plane.resolve(device, role.name(), extent, role.channels())? };
-        }
-        if let Some(kind) = noise {
-            planes.tell_noise(kind);
-        }
-        unsafe { self.pass.bind_rows(&planes, &signals) }
     }
 
     /// The planes of the next recording: those bound last, if they are the same.

@@ -46,15 +46,22 @@
 //!
 //! | for | take |
 //! |---|---|
-//! | a device | [`Device::open`], [`Device::list`]; a renderer's own: [`Device::from_renderer`] with [`RendererDevice`], from raw handles [`RawDevice`]; what to enable: [`Device::requirements`] |
-//! | a network | [`Quality`] picks one that ships, [`Weights::from_file`] loads one |
-//! | choices | [`Options`] for a [`Denoiser`], [`FrameOptions`] for each frame; [`Exposure`], [`Fireflies`], [`Precision`], [`Converged`] |
-//! | frames in memory | [`Denoiser::denoise`] of a [`Frame`] of [`Plane`]s with a [`Layout`] each; [`Denoiser::denoise_with`] for [`Signal`]s beside it, [`Progress`] and cancelling; a [`Report`] comes back |
-//! | frames on the GPU | [`Denoiser::pass`], then [`Pass::bind_buffers`] of a [`BufferFrame`] or [`Pass::bind_images`] of an [`ImageFrame`], then [`Pass::record`] every frame |
+//! | a device | [`Device::open`] with a [`DeviceSelector`], [`Device::open_with`] [`DeviceOptions`], where a [`Cache`] says where compiled kernels are kept; [`Device::list`] gives a [`DeviceInfo`] of each, with its [`DeviceKind`] |
+//! | a renderer's own | [`Device::from_renderer`] with [`RendererDevice`], from raw handles [`RawDevice`] with [`EnabledFeatures`]; [`Device::requirements`] says what to enable: [`Requirements`] |
+//! | a network | [`Quality`] picks one that ships, [`Weights::from_file`] loads one; [`WeightsError`] says what a file lacks, [`ArchError`] what its network cannot be |
+//! | a denoiser | [`Denoiser::new`] of device, weights and [`Options`] |
+//! | choices | [`Options`] for a denoiser, [`FrameOptions`] for each frame: [`Precision`], [`Exposure`], [`Fireflies`], a [`Region`]; [`Converged`] leaves out what needs no denoising ([`ConvergedMode`], [`ConvergedMargins`]) |
+//! | frames in memory | [`Denoiser::denoise`] of a [`Frame`] of some [`Extent`]: a [`Plane`] of colour, [`Features`] beside it ([`Noise`] too, of a [`NoiseKind`]), each of [`Samples`] with a [`Layout`], into a [`PlaneMut`] of [`SamplesMut`]; a [`Report`] comes back, with a [`TileReport`] where the frame was cut |
+//! | light groups, layers, alpha | [`Denoiser::denoise_with`] for [`Signal`]s of a [`SignalKind`] beside the colour; on the GPU [`Pass::bind_buffers_with`] for [`BufferSignal`]s |
+//! | progress, cancelling | [`Progress`] |
+//! | frames on the GPU | [`Denoiser::pass`] makes a [`Pass`]; [`Pass::bind_buffers`] of a [`BufferFrame`] of [`BufferPlane`]s, or [`Pass::bind_images`] of an [`ImageFrame`] of [`ImagePlane`]s, a [`Binding`]; then [`Pass::record`] every frame. [`BufferAddress`]es say where the exposure comes from and [`FrameStatistics`] go |
 //! | what planes hold | [`SampleFormat`] in buffers, [`ImageFormat`]; [`NormalEncoding`], [`DepthEncoding`] |
-//! | memory that passes share | [`Denoiser::arena_required`], an [`Arena`], [`Denoiser::pass_in`] |
-//! | CUDA, OpenGL, other Vulkan devices | [`Device::interop`], `SharedBuffer`, `TimelineSemaphore`, `RecordedPass` (on Unix) |
-//! | memory, times | [`Denoiser::memory_required`]; [`Pass::profiler`] and [`Pass::record_profiled`] |
+//! | memory | [`Denoiser::memory_required`]: a [`MemoryRequired`]; what passes share: [`Denoiser::arena_required`], an [`ArenaRequired`], an [`Arena`], in the caller's buffers of [`ArenaBlock`]s, [`Denoiser::pass_in`] |
+//! | what was left out | [`Denoiser::active_tiles`], [`Pass::active_tiles`]: [`ActiveTiles`], a map of [`MapSize`] and each [`Part`] of the network |
+//! | times of kernels | [`Pass::profiler`] makes a [`Profiler`], [`Pass::record_profiled`], a [`KernelRecord`] for each with its [`Stage`] of the network; more in [`profile`] |
+//! | CUDA, OpenGL, other Vulkan devices | [`Device::interop`]: [`Interop`], [`MemoryHandle`], [`Transfer`]; `SharedBuffer`, `SharedMemory`, `TimelineSemaphore`, `TimelinePoint`, `RecordedPass` (on Unix) |
+//! | the same result computed otherwise | [`ConvAlgorithm`] with its [`WinogradTile`], [`SeparableForm`], [`AttentionForm`], [`Folds`]: fields of [`Options`] for who measures; else the device decides |
+//! | what goes wrong | [`Error`], [`Result`]; [`ParseError`] of the text of [`Folds`] |
 //! | EXR files, metrics | the modules below |
 //!
 //! The same input on the same device gives the same bits. Samples that are no light (NaN, infinite, negative) and
@@ -117,11 +124,15 @@ pub use formats::{DepthEncoding, ImageFormat, NormalEncoding, SampleFormat};
 pub use frame::{Extent, Features, Frame, Layout, Noise, NoiseKind, Plane, PlaneMut, Region, Samples, SamplesMut};
 /// 16-bit floats, in the version that [`Samples`] names.
 pub use half;
+pub use kernels::converged::MapSize;
 pub use kernels::frame_io::Fireflies;
+pub use kernels::winograd::WinogradTile;
 pub use memory::MemoryRequired;
 pub use net::weights::{Weights, WeightsError};
+pub use net::{ArchError, Folds, ParseError, Stage};
 pub use options::{
-    Converged, ConvergedMargins, ConvergedMode, Exposure, FrameOptions, Options, Precision, Report, TileReport,
+    AttentionForm, ConvAlgorithm, Converged, ConvergedMargins, ConvergedMode, Exposure, FrameOptions, Options,
+    Precision, Report, SeparableForm, TileReport,
 };
 pub use pass::{Binding, Pass};
 pub use plan::active::{ActiveTiles, Part};

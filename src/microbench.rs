@@ -8,7 +8,7 @@ use crate::net::graph::Graph;
 use crate::net::weights::Weights;
 use crate::options::{FrameOptions, Options, Precision};
 use crate::pass::{Binding, Pass};
-use crate::plan::{Plan, plan_part};
+use crate::plan::{Plan, packing_of_part, plan_part};
 use crate::profile::{KernelRecord, Profiler};
 use crate::target::Target;
 use crate::vk::device::Device;
@@ -62,7 +62,8 @@ impl PartRunner {
             ..*target
         };
         let plan = plan_part(graph, extent, &target)?;
-        let engine = Arc::new(Engine::of_plan(device, graph.clone(), &plan, weights, target)?);
+        let packing = packing_of_part(graph, &target);
+        let engine = Arc::new(Engine::with_packing(device, graph.clone(), &packing, weights, target)?);
         let pass = Pass::of_plan(&engine, plan)?;
         // SAFETY: no images.
         let binding = unsafe { pass.bind(None, engine.target.kernels, &Planes::default(), &[]) }?;

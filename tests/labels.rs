@@ -9,7 +9,7 @@ use std::sync::{Mutex, OnceLock, PoisonError};
 use vkdenoise::ash::{ext, vk};
 use vkdenoise::{
     Binding, BufferFrame, BufferPlane, Cache, Denoiser, Device, EnabledFeatures, Error, Extent, FrameOptions, Layout,
-    Options, Pass, RawDevice, RendererDevice, SampleFormat, Weights,
+    Options, Pass, RendererDevice, SampleFormat, Weights,
 };
 
 use common::vulkan::Renderer;
@@ -90,7 +90,7 @@ unsafe extern "system" fn end(commands: vk::CommandBuffer) {
 
 /// The renderer's device through the loader above.
 fn watched(renderer: &Renderer, debug_utils: bool) -> Result<Device, Error> {
-    let raw = renderer.raw();
+    let mut raw = renderer.raw();
     REAL.get_or_init(|| Real {
         // SAFETY: that is what the pointer is.
         instance: unsafe { mem::transmute::<*const c_void, vk::PFN_vkGetInstanceProcAddr>(raw.get_instance_proc_addr) },
@@ -98,7 +98,7 @@ fn watched(renderer: &Renderer, debug_utils: bool) -> Result<Device, Error> {
         debug: ext::debug_utils::Device::new(&renderer.instance, &renderer.device),
     });
     let enabled = EnabledFeatures { debug_utils, ..raw.enabled };
-    let raw = RawDevice { get_instance_proc_addr: instance_proc as *const c_void, enabled, ..raw };
+    (raw.get_instance_proc_addr, raw.enabled) = (instance_proc as *const c_void, enabled);
     // SAFETY: the handles are the renderer's, which lives to the end of the test.
     unsafe {
         let mut handles = RendererDevice::from_raw(&raw)?;
@@ -199,7 +199,8 @@ fn what_is_not_there_is_refused() {
     }
     let renderer = Renderer::new();
     watched(&renderer, false).unwrap();
-    let raw = RawDevice { get_instance_proc_addr: instance_without as *const c_void, ..renderer.raw() };
+    let mut raw = renderer.raw();
+    raw.get_instance_proc_addr = instance_without as *const c_void;
     // SAFETY: the handles are the renderer's, which lives to the end of the test.
     let refused = unsafe { RendererDevice::from_raw(&raw).and_then(|handles| Device::from_renderer(handles)) };
     assert!(matches!(refused, Err(Error::InvalidOption { option: "debug_utils", .. })), "{refused:?}");

@@ -7,8 +7,8 @@ use vkdenoise::kernels::contract::BindingType;
 use vkdenoise::kernels::winograd::WinogradTile;
 use vkdenoise::kernels::{Arithmetic, BufferId, Call, KernelTarget, Storage, Tiles};
 use vkdenoise::net::{Arch, Folds, Graph, Head};
-use vkdenoise::options::{ConvAlgorithm, SeparableForm};
-use vkdenoise::plan::{Dispatch, Place, Plan, plan, plan_in};
+use vkdenoise::options::{ConvAlgorithm, ConvergedMode, SeparableForm};
+use vkdenoise::plan::{Dispatch, Packing, Place, Plan, packing, plan, plan_in};
 use vkdenoise::target::{Target, max_chain_bytes};
 use vkdenoise::{Error, Extent};
 
@@ -245,7 +245,7 @@ fn dense_kernels_have_a_variant_on_matrices() {
                 continue;
             }
             // Nothing is loaded less than once, in vectors of 16 bytes, and everything stored.
-            let (accesses, traffic) = (dispatch.call.accesses(&dispatch.variant).unwrap(), dispatch.traffic());
+            let (accesses, traffic) = (dispatch.call.kernel().accesses(&dispatch.variant).unwrap(), dispatch.traffic());
             let vectors = |touched: &[(BufferId, u64)]| touched.iter().map(|(_, bytes)| bytes).sum::<u64>() / 16;
             assert!(accesses.global_loads >= vectors(&traffic.reads), "{name}: {}", dispatch.name);
             assert!(accesses.global_stores >= vectors(&traffic.writes), "{name}: {}", dispatch.name);
@@ -290,4 +290,51 @@ fn smaller_frames_fit_the_arena_of_a_larger_one() {
     }
     println!("{narrower} in narrower bands");
     assert!(narrower > 0 && several > 0);
+}
+
+/// Where a plan looks for its weights.
+fn packed(plan: &Plan) -> Vec<(String, u64)> {
+    let weights = plan.buffers.iter().filter_map(|buffer| match &buffer.place {
+        Place::Weights { pack, offset } => {
+            assert_eq!(buffer.bytes, pack.bytes(), "{}", buffer.name);
+            Some((format!("{pack:?}"), *offset))
+        }
+        _ => None,
+    });
+    weights.collect()
+}
+
+/// What is packed, and where it lies, follows from network and target: plans of all sizes, of tiles and in bands read
+/// the same weights.
+#[test]
+fn packing_is_of_no_size() {
+    let told = |packing: &Packing| -> Vec<(String, u64)> {
+        packing.packs().iter().map(|(pack, offset)| (format!("{pack:?}"), *offset)).collect()
+    };
+    let archs = Arch::NAMES.iter().map(|name| Arch::named(name).unwrap());
+    let headed = [Head::pure(), Head::gated()].map(|head| Arch { head, ..Arch::hybrid() });
+    for arch in archs.chain(headed) {
+        let graph = Graph::new(&arch).unwrap();
+        for (storage, arithmetic) in [
+            (Storage::F32, Arithmetic::Floats),
+            (Storage::F16, Arithmetic::Floats),
+            (Storage::F16, Arithmetic::Matrices),
+        ] {
+            let suitable = Target::for_gpu(storage, arithmetic);
+            let winograd = ConvAlgorithm::Winograd(WinogradTile::F2);
+            let skipping = Target { converged: Some(ConvergedMode::Exact), ..suitable };
+            let tiles = Target { of_tile: true, max_chain_bytes: 1 << 17, ..suitable };
+            let packing_of = |target: &Target| packing(&graph, target);
+            // The tiles of a frame too large read the weights of its denoiser.
+            assert_eq!(packing_of(&tiles), packing_of(&skipping), "{}, {storage:?}, {arithmetic:?}", arch.name);
+            for target in [suitable, skipping, tiles, Target { conv: winograd, ..suitable }] {
+                let packing = packing_of(&target);
+                for extent in [Extent::new(1, 1), Extent::new(300, 211)] {
+                    let plan = plan(&graph, extent, &target).unwrap();
+                    assert!(packed(&plan) == told(&packing), "{}, {extent:?}, {target:?}", arch.name);
+                    assert_eq!(plan.weights_bytes, packing.bytes());
+                }
+            }
+        }
+    }
 }

@@ -1,10 +1,12 @@
-//! A renderer's device handed over as raw handles is the same device.
+//! A renderer's device handed over as raw handles is the same device; the queue that it lends is used for weights alone.
 
 mod common;
 
 use common::vulkan::Renderer;
 use std::ffi::{c_char, c_void};
 use std::ptr;
+use std::sync::OnceLock;
+use std::sync::atomic::{AtomicU32, Ordering};
 use vkdenoise::ash::vk;
 use vkdenoise::{
     BufferFrame, BufferPlane, Cache, Denoiser, Device, Error, Extent, FrameOptions, Layout, Options, RawDevice,
@@ -40,7 +42,7 @@ fn denoised(renderer: &Renderer, handles: RendererDevice) -> Vec<u8> {
 }
 
 /// What a renderer says of its device.
-fn told(device: &RendererDevice) -> (vk::Instance, vk::PhysicalDevice, vk::Device, u32, [bool; 6]) {
+fn told(device: &RendererDevice) -> (vk::Instance, vk::PhysicalDevice, vk::Device, u32, Option<vk::Queue>, [bool; 6]) {
     let features = [
         device.storage_buffer_16bit,
         device.shader_int64,
@@ -49,7 +51,8 @@ fn told(device: &RendererDevice) -> (vk::Instance, vk::PhysicalDevice, vk::Devic
         device.cooperative_matrix.is_some(),
         device.debug_utils,
     ];
-    (device.instance.handle(), device.physical_device, device.device.handle(), device.queue_family, features)
+    let (instance, logical) = (device.instance.handle(), device.device.handle());
+    (instance, device.physical_device, logical, device.queue_family, device.upload_queue, features)
 }
 
 #[test]
@@ -63,6 +66,74 @@ fn the_same_bits_as_through_ash() {
     let by_numbers = denoised(&renderer, raw);
     assert!(by_ash.iter().any(|byte| *byte != 0));
     assert!(by_ash == by_numbers, "the results differ");
+    renderer.assert_silent();
+}
+
+/// Vulkan's own `vkQueueSubmit`, and how often the library has called it.
+static SUBMIT: OnceLock<vk::PFN_vkQueueSubmit> = OnceLock::new();
+static SUBMISSIONS: AtomicU32 = AtomicU32::new(0);
+
+unsafe extern "system" fn counted_submit(
+    queue: vk::Queue,
+    count: u32,
+    submits: *const vk::SubmitInfo<'_>,
+    fence: vk::Fence,
+) -> vk::Result {
+    SUBMISSIONS.fetch_add(1, Ordering::Relaxed);
+    // SAFETY: the caller's promises are Vulkan's.
+    unsafe { SUBMIT.get().unwrap()(queue, count, submits, fence) }
+}
+
+#[test]
+fn weights_are_copied_once_on_the_queue_that_is_lent() {
+    let renderer = Renderer::new();
+    SUBMIT.get_or_init(|| renderer.device.fp_v1_0().queue_submit);
+    let mut handles = renderer.handles();
+    let (logical, instance) = (renderer.device.handle(), &renderer.instance);
+    // SAFETY: the device's own functions, but for one that calls it.
+    handles.device = unsafe {
+        vkdenoise::ash::Device::load_with(
+            |name| match name == c"vkQueueSubmit" {
+                true => counted_submit as *const c_void,
+                false => std::mem::transmute::<vk::PFN_vkVoidFunction, *const c_void>(
+                    instance.get_device_proc_addr(logical, name.as_ptr()),
+                ),
+            },
+            logical,
+        )
+    };
+    let kept = denoised(&renderer, handles.clone());
+    assert_eq!(SUBMISSIONS.load(Ordering::Relaxed), 0, "the library submitted without a queue");
+    handles.upload_queue = Some(renderer.queue);
+    let copied = denoised(&renderer, handles);
+    assert_eq!(SUBMISSIONS.load(Ordering::Relaxed), 1);
+    assert!(kept.iter().any(|byte| *byte != 0));
+    assert!(kept == copied, "the results differ");
+
+    let mut raw = renderer.raw();
+    raw.upload_queue = vk::Handle::as_raw(renderer.queue);
+    // SAFETY: the handles are the renderer's.
+    let mut by_numbers = unsafe { RendererDevice::from_raw(&raw) }.unwrap();
+    assert_eq!(by_numbers.upload_queue, Some(renderer.queue));
+    by_numbers.cache = Cache::Off;
+    assert!(denoised(&renderer, by_numbers) == copied, "the results differ");
+    renderer.assert_silent();
+}
+
+/// Nothing of the copy stays: a denoiser holds the weights once, wherever they lie.
+#[test]
+fn the_weights_are_held_once() {
+    let renderer = Renderer::new();
+    let held = [None, Some(renderer.queue)].map(|queue| {
+        let mut handles = renderer.handles();
+        handles.upload_queue = queue;
+        // SAFETY: the handles are the renderer's, which outlives the device.
+        let device = unsafe { Device::from_renderer(handles) }.unwrap();
+        let denoiser = Denoiser::new(&device, &Weights::hybrid().unwrap(), &Options::default()).unwrap();
+        assert_eq!(device.memory_bytes(), denoiser.device_bytes());
+        device.memory_bytes()
+    });
+    assert_eq!(held[0], held[1]);
     renderer.assert_silent();
 }
 
@@ -81,10 +152,14 @@ fn what_is_null_or_too_old_is_refused() {
             other => panic!("{wanted}: {:?}", other.err()),
         }
     };
-    refused(RawDevice { get_instance_proc_addr: ptr::null(), ..good }, "get_instance_proc_addr");
-    refused(RawDevice { instance: 0, ..good }, "instance");
-    refused(RawDevice { physical_device: 0, ..good }, "physical_device");
-    refused(RawDevice { device: 0, ..good }, "device");
-    let finds_nothing = finds_nothing as *const c_void;
-    refused(RawDevice { get_instance_proc_addr: finds_nothing, ..good }, "instance");
+    let with = |change: &dyn Fn(&mut RawDevice)| {
+        let mut raw = good;
+        change(&mut raw);
+        raw
+    };
+    refused(with(&|raw| raw.get_instance_proc_addr = ptr::null()), "get_instance_proc_addr");
+    refused(with(&|raw| raw.instance = 0), "instance");
+    refused(with(&|raw| raw.physical_device = 0), "physical_device");
+    refused(with(&|raw| raw.device = 0), "device");
+    refused(with(&|raw| raw.get_instance_proc_addr = finds_nothing as *const c_void), "instance");
 }

@@ -1,13 +1,16 @@
 //! The attention of a block as one kernel, for matrices: its norms and Linears, the attention, the projection and the
 //! residual. As four kernels they wait for each other, which on small maps takes longer than what they compute.
 
+use super::accesses::Accesses;
+use super::accesses::matrix::{OUTPUTS, SUBGROUPS, TOKENS};
 use super::contract::Specialisation;
 use super::dense::{Linear, TILE_CHANNELS};
+use super::on_matrices::{self, DEPTH, MOST_TILES, SHARED_BYTES, outputs_of};
 use super::pushes::AttentionBlockPush;
 use super::window_attention::WindowAttention;
 use super::{
     Access, Activation, Addresses, Arithmetic, BufferId, Grid, Kernel, KernelTarget, PushBytes, Scale, Storage, Tiles,
-    Traffic, Variant, View, contracts, on_matrices,
+    Traffic, Variant, View, contracts,
 };
 
 /// Rows of [`crate::plan::pack::Pack::BiasRows`], the most that a device's matrices have.
@@ -77,7 +80,29 @@ impl AttentionBlock {
 
     fn special(&self) -> Option<Specialisation> {
         let fits = on_matrices::can_load([&self.x, &self.f]) && self.dst.storage == Storage::F16;
-        on_matrices::attention_block(self.key_width, self.value_width, self.x.channels).filter(|_| fits)
+        self.cut().filter(|_| fits)
+    }
+
+    /// How the kernel cuts its work: `inputs` is what the projection stages at a time of the channels that do not
+    /// attend.
+    fn cut(&self) -> Option<Specialisation> {
+        const TOKENS: u32 = on_matrices::TOKENS;
+        let (keys, values) = (self.key_width, self.value_width);
+        let rest = self.x.channels.checked_sub(values)?;
+        // Within a workgroup's outputs a matrix of queries, keys or values crosses no block of weights.
+        if ![8, 16, 32].contains(&keys) || ![16, 32, 64].contains(&values) {
+            return None;
+        }
+        let inputs = [48, 32, 16].into_iter().find(|inputs| rest.is_multiple_of(*inputs))?;
+        let rows = |channels: u32| TOKENS * (2 * channels + 16);
+        let queries_and_keys = 4 * rows(keys.next_multiple_of(DEPTH));
+        let scores = TOKENS * (4 * TOKENS + 16);
+        let projection = rows(inputs) + 2 * inputs.max(32) * outputs_of(1);
+        // A subgroup's sums of half its tokens, 32 bits each, padded.
+        let sums = MOST_TILES * TOKENS / 2 * (4 * TILE_CHANNELS + 16);
+        let most = [queries_and_keys, scores, projection, sums].into_iter().max()?;
+        let fits = most + rows(values) + 4 * TOKENS <= SHARED_BYTES;
+        fits.then(|| Specialisation { tiles: 1, inputs, keys, values, ..Specialisation::default() })
     }
 
     /// Outputs of the Linears of x and of the features.
@@ -146,5 +171,43 @@ impl Kernel for AttentionBlock {
             (self.table, 4 * 64 * 64),
             (self.projection, dense(self.x.channels, self.dst.channels)),
         ])
+    }
+
+    /// Of a window and up to 128 outputs each: its norms and Linears, its attention, its projection.
+    fn accesses(&self, variant: &Variant) -> Option<Accesses> {
+        let groups: u64 = self.groups(variant).into_iter().map(u64::from).product();
+        let (keys, values) = (u64::from(self.key_width), u64::from(self.value_width));
+        let channels = u64::from(self.x.channels);
+        let padded = keys.next_multiple_of(DEPTH.into());
+        let outputs = 4 * padded + values;
+        // Every subgroup loads all weights and biases of its queries' Linears; the projection's are staged.
+        let weights = SUBGROUPS * outputs * values / 8 + SUBGROUPS * 4 * outputs;
+        let scores = TOKENS * TOKENS / 4;
+        let results = SUBGROUPS * TOKENS * OUTPUTS / 4;
+        let staged_weights = SUBGROUPS * OUTPUTS * channels / 8;
+        let rest = TOKENS * (channels - values) / 8;
+        Some(Accesses {
+            global_loads: groups * (TOKENS * 2 * values / 8 + weights + scores + rest + staged_weights + 2 * results),
+            global_stores: groups * results,
+            shared_loads: groups
+                * (TOKENS * 2 * values / 8
+                    + 2 * (TOKENS + SUBGROUPS * TOKENS) * padded / 8
+                    + scores
+                    + scores / 2
+                    + SUBGROUPS * TOKENS * values / 8
+                    + TOKENS * values / 4
+                    + SUBGROUPS * (TOKENS + OUTPUTS) * channels / 8
+                    + results),
+            shared_stores: groups
+                * (TOKENS * 2 * values / 8
+                    + TOKENS * outputs / 8
+                    + scores
+                    + scores / 2
+                    + TOKENS * values / 4
+                    + TOKENS * values / 8
+                    + rest
+                    + staged_weights
+                    + results),
+        })
     }
 }

@@ -1,7 +1,9 @@
 //! The projection of albedo, normal and depth as one kernel, for matrices: as nine, its maps at full resolution would
 //! go through memory nine times.
 
-use super::contracts;
+use super::accesses::Accesses;
+use super::contracts::{self, AUX_SUBGROUPS};
+use super::on_matrices::DEPTH;
 use super::pushes::AuxProjectionPush;
 use super::{
     Access, Addresses, BufferId, Grid, Kernel, KernelTarget, PushBytes, Scale, Storage, TILE, Tiles, Traffic, Variant,
@@ -106,5 +108,31 @@ impl Kernel for AuxProjection {
         reads.extend(self.pointwise[1..].iter().chain(&self.out).map(|id| (*id, dense(CHANNELS))));
         reads.extend(self.depthwise.map(|id| (id, 40 * channels)));
         Traffic::reading(reads)
+    }
+
+    /// Of a workgroup's 16x4 tokens with what is made around them.
+    fn accesses(&self, variant: &Variant) -> Option<Accesses> {
+        let (columns, vectors) = (u64::from(CHANNELS / 4), u64::from(CHANNELS / 8));
+        let size = |reach: u32| u64::from((2 * TILE + 2 * reach) * (TILE / 2 + 2 * reach));
+        let own = size(0);
+        let (mut loads, mut shared_loads, mut shared_stores) = (size(REACH) * u64::from(AUX_CHANNELS / 8), 0, 0);
+        for step in 0..REACH {
+            let (from, to) = (size(REACH - step), size(REACH - step - 1));
+            let inputs = u64::from(if step == 0 { DEPTH } else { CHANNELS });
+            // Subgroups load the weights of sixteen outputs each; runs of two rows load four of three tokens; an
+            // invocation nine taps and two biases.
+            let matrices = u64::from(AUX_SUBGROUPS) * 16 * (inputs + u64::from(CHANNELS)) / 8;
+            loads += matrices + 11 * u64::from(AUX_SUBGROUPS) * 32;
+            shared_loads += 2 * (from * inputs + own * u64::from(CHANNELS)) / 8 + to / 2 * 12 * columns;
+            shared_stores += from * vectors + to * columns;
+        }
+        let results = own * columns;
+        let groups: u64 = self.groups(variant).into_iter().map(u64::from).product();
+        Some(Accesses {
+            global_loads: groups * (loads + results),
+            global_stores: groups * results,
+            shared_loads: groups * (shared_loads + results),
+            shared_stores: groups * (shared_stores + 2 * size(REACH) + results),
+        })
     }
 }

@@ -8,7 +8,7 @@
 //! 4. [`Fill`] writes zeros where tiles are read that are not active.
 
 use super::contracts::{self, halves};
-use super::pushes::{FillPush, ConvergedMapPush, TileListPush, TileNoisePush};
+use super::pushes::{ConvergedMapPush, FillPush, TileListPush, TileNoisePush};
 use super::stats::STATS_FLOATS;
 use super::{
     Access, Addresses, BufferId, Grid, Kernel, KernelTarget, PushBytes, Scale, TILE, Tiles, Traffic, Variant, View,
@@ -48,6 +48,7 @@ impl MapSize {
     }
 
     /// Sums of the map.
+    #[cfg_attr(not(feature = "internals"), doc(hidden))]
     pub fn sums(&self) -> u32 {
         (self.columns + 1) * (self.rows + 1)
     }

@@ -1,5 +1,6 @@
 //! A small map made large.
 
+use super::accesses::{self, Accesses};
 use super::contracts::{self, halves};
 use super::pushes::ExpandPush;
 use super::{
@@ -78,6 +79,11 @@ impl Kernel for Expand {
 
     fn texels(&self) -> Vec<TexelRange> {
         vec![(&self.src).into()]
+    }
+
+    fn accesses(&self, _: &Variant) -> Option<Accesses> {
+        let vectors = u64::from(self.dst.channels / 4);
+        Some(Accesses::each(accesses::tokens(&self.tiles, &self.dst), vectors, vectors))
     }
 }
 

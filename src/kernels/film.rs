@@ -3,9 +3,10 @@
 //! The mean is summed in two levels of fixed order, so that every run gives the same bits. Where converged squares are
 //! left out ([`super::converged`]), it is estimated: a sample of them stands for all.
 
+use super::accesses::Accesses;
 use super::contracts::{self, halves};
-use super::pushes::{FilmVectorPush, TokenSumPush};
 use super::converged::{MAP_TILE, Sample};
+use super::pushes::{FilmVectorPush, TokenSumPush};
 use super::{
     Access, Addresses, BufferId, Footprint, Kernel, KernelTarget, PushBytes, TokenRect, Traffic, Variant, View,
     by_storage, groups,
@@ -16,7 +17,7 @@ const MAX_SUMS: u64 = 512;
 /// Fewest tokens worth a partial sum.
 const MIN_TOKENS_PER_SUM: u64 = 64;
 /// Invocations of a partial sum's workgroup.
-pub(super) const SUM_INVOCATIONS: u32 = 256;
+const SUM_INVOCATIONS: u32 = 256;
 
 /// Level one: sums of consecutive tokens, row by row, of the part of a map that holds pixels of the unpadded frame.
 #[derive(Clone, Debug, PartialEq)]
@@ -145,6 +146,18 @@ impl Kernel for TokenSum {
         }
         others
     }
+
+    fn accesses(&self, _: &Variant) -> Option<Accesses> {
+        let vectors = u64::from(self.src.channels / 4);
+        // Of its first way an invocation keeps its own.
+        let (ways, sums) = (u64::from(SUM_INVOCATIONS) / vectors, self.sums());
+        Some(Accesses {
+            global_loads: self.real_tokens() * vectors,
+            global_stores: sums * vectors,
+            shared_loads: 4 * sums * vectors * (ways - 1),
+            shared_stores: 4 * sums * u64::from(SUM_INVOCATIONS),
+        })
+    }
 }
 
 /// Level two: `W (sum of partials / tokens) + bias`. With counts, tokens of sampled squares count as often as it takes
@@ -201,5 +214,16 @@ impl Kernel for FilmVector {
         let mut reads = vec![partials, (self.weights, (channels + 1) * outputs * 4)];
         reads.extend(self.counts.map(|counts| (counts, 8 * self.sums)));
         Traffic { reads, writes: vec![(self.dst, outputs * 4)] }
+    }
+
+    fn accesses(&self, _: &Variant) -> Option<Accesses> {
+        let (channels, outputs) = (u64::from(self.channels), u64::from(self.outputs));
+        let ways = (256 / channels).max(1);
+        Some(Accesses {
+            global_loads: self.sums * channels + outputs * (channels + 1),
+            global_stores: outputs,
+            shared_loads: channels * ways + outputs * channels,
+            shared_stores: channels * ways + channels,
+        })
     }
 }

@@ -4,8 +4,8 @@ use super::contracts::{self, halves};
 use super::pushes::{InputAuxPush, InputColorPush, OutputPush};
 use super::stats::STATS_FLOATS;
 use super::{
-    Access, Addresses, BufferId, Grid, Kernel, KernelTarget, PushBytes, Scale, TILE, Tiles, Traffic,
-    Variant, View, by_storage, flags, groups,
+    Access, Addresses, BufferId, Grid, Kernel, KernelTarget, PushBytes, Scale, TILE, Tiles, Traffic, Variant, View,
+    by_storage, flags, groups,
 };
 use crate::error::{Error, Result};
 use crate::frame::Region;

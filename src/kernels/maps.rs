@@ -1,5 +1,6 @@
 //! Kernels that go over a map once: depthwise convolution and layer normalisation.
 
+use super::accesses::{self, Accesses};
 use super::contract::Specialisation;
 use super::contracts::{self, halves};
 use super::pushes::{Depthwise3x3Push, LayerNormPush};
@@ -77,6 +78,12 @@ impl Kernel for Depthwise3x3 {
     fn texels(&self) -> Vec<TexelRange> {
         vec![(&self.src).into(), self.weights.into()]
     }
+
+    fn accesses(&self, variant: &Variant) -> Option<Accesses> {
+        let [x, y] = ["TX", "TY"].map(|name| variant.contract.define(name));
+        let invocations = accesses::tokens(&self.tiles, &self.dst) / (x * y) * u64::from(self.dst.channels / 4);
+        Some(Accesses::each(invocations, 10 + (x + 2) * (y + 2), x * y))
+    }
 }
 
 /// Every token to mean 0 and variance 1 over its channels (eps 1e-5), then gain and bias.
@@ -142,5 +149,14 @@ impl Kernel for LayerNorm {
 
     fn texels(&self) -> Vec<TexelRange> {
         vec![(&self.src).into(), self.weights.into()]
+    }
+
+    fn accesses(&self, variant: &Variant) -> Option<Accesses> {
+        let tokens = accesses::tokens(&self.tiles, &self.dst);
+        let vectors = u64::from(self.src.channels / 4);
+        // Eight invocations share a token, but for CPU drivers, and add their parts of two sums.
+        let shared = if variant.contract.has("TEXELS") { 0 } else { 2 * 8 * tokens };
+        let global = Accesses::each(tokens, 5 * vectors, vectors);
+        Some(Accesses { shared_loads: 8 * shared, shared_stores: shared, ..global })
     }
 }

@@ -1,14 +1,16 @@
 //! A depthwise 3x3 convolution and the pointwise convolution after it as one kernel.
 
+use super::accesses::matrix::{TOKENS, Work};
+use super::accesses::{Accesses, Block};
 use super::contract::Specialisation;
 use super::contracts::{self, halves};
-use super::dense::{Linear, TILE_CHANNELS, dense_groups, dense_texels};
+use super::dense::{Linear, TILE_CHANNELS, dense_texels};
 use super::maps::Depthwise3x3;
-use super::on_matrices;
+use super::on_matrices::{self, dense_groups, outputs_of};
 use super::pushes::Separable3x3Push;
 use super::{
-    Access, Addresses, Arithmetic, Grid, Kernel, KernelTarget, PushBytes, Scale, Storage, TexelRange, Tiles, Traffic,
-    Variant, View, activation_flag, by_storage,
+    Access, Addresses, Arithmetic, Grid, Kernel, KernelTarget, PushBytes, Scale, Storage, TILE, TexelRange, Tiles,
+    Traffic, Variant, View, activation_flag, by_storage,
 };
 
 /// `pointwise(depthwise(src))`: the depthwise result is not stored, so neither its target nor the source of the
@@ -29,12 +31,27 @@ impl Separable3x3 {
 
     fn on_matrices(&self) -> Option<Specialisation> {
         let (src, dst) = (&self.depthwise.src, &self.pointwise.dst);
-        let special = on_matrices::separable(src.channels, dst.channels)?;
+        // Every invocation makes some of the depthwise results.
+        let tiles = on_matrices::tiles_for(dst.channels);
+        let (tokens, outputs) = (tiles * on_matrices::TOKENS, outputs_of(tiles));
+        let inputs = on_matrices::staged(src.channels, tokens, outputs, 1, outputs)?;
+        let special = Specialisation { tiles, inputs, ..Specialisation::default() };
         (dst.storage == Storage::F16 && on_matrices::can_load([src])).then_some(special)
     }
 
     fn chosen(&self) -> Option<Specialisation> {
         self.on_matrices().filter(|_| self.pointwise.arithmetic == Arithmetic::Matrices)
+    }
+
+    fn accesses_on_matrices(&self, special: Specialisation) -> Accesses {
+        let Linear { tiles, dst, .. } = &self.pointwise;
+        let inputs = u64::from(self.depthwise.src.channels);
+        let columns = u64::from(TILE) * inputs / 4;
+        // Three tokens in each of ten rows, nine taps and a bias for every column of tokens and four channels.
+        let loads = columns * (3 * u64::from(TILE + 2) + 10);
+        let epilogue = self.pointwise.epilogue_loads();
+        let work = Work { loads, staged: TOKENS * inputs / 4, rows: inputs, epilogue };
+        work.accesses(special, tiles.count(dst.width, dst.height), dst.channels)
     }
 }
 
@@ -112,5 +129,18 @@ impl Kernel for Separable3x3 {
         let mut ranges = dense_texels(&self.depthwise.src, pointwise.weights, pointwise.film, residual);
         ranges.push(self.depthwise.weights.into());
         ranges
+    }
+
+    fn accesses(&self, variant: &Variant) -> Option<Accesses> {
+        if variant.is_on_matrices() {
+            return Some(self.accesses_on_matrices(variant.special));
+        }
+        let (block, pointwise) = (Block::of(variant.contract), &self.pointwise);
+        let per_four_inputs = 10 + (block.x + 2) * (block.y + 2) + block.weight_loads(variant.contract);
+        let loads = block.vectors
+            + u64::from(self.depthwise.src.channels / 4) * per_four_inputs
+            + block.outputs() * pointwise.epilogue_loads();
+        let tiles = pointwise.tiles.count(pointwise.dst.width, pointwise.dst.height);
+        Some(Accesses::each(block.invocations(tiles, pointwise.dst.channels), loads, block.outputs()))
     }
 }

@@ -7,8 +7,8 @@ use super::planes::PlaneArgs;
 use super::pushes::{InputSignalPush, OutputSignalPush};
 use super::stats::STATS_FLOATS;
 use super::{
-    Access, Addresses, BufferId, Grid, Kernel, KernelTarget, PushBytes, Scale, Storage, Tiles, Traffic,
-    Variant, View, by_storage, flags, groups,
+    Access, Addresses, BufferId, Grid, Kernel, KernelTarget, PushBytes, Scale, Storage, Tiles, Traffic, Variant, View,
+    by_storage, flags, groups,
 };
 use crate::error::{Error, Result};
 use crate::frame::Region;

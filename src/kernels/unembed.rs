@@ -1,12 +1,14 @@
 //! Tokens of 2x2 pixels to pixels of three channels.
 
+use super::accesses::matrix::TOKENS;
+use super::accesses::{self, Accesses};
 use super::contract::Specialisation;
 use super::contracts;
 use super::on_matrices;
 use super::pushes::UnembedPush;
 use super::{
-    Access, Addresses, Arithmetic, BufferId, Grid, Kernel, KernelTarget, PushBytes, Scale, Storage, TexelRange, Tiles,
-    Traffic, Variant, View, groups,
+    Access, Addresses, Arithmetic, BufferId, Grid, Kernel, KernelTarget, PushBytes, Scale, Storage, TILE, TexelRange,
+    Tiles, Traffic, Variant, View, groups,
 };
 
 /// Rows of tokens that a pixel takes.
@@ -46,11 +48,26 @@ impl Unembed {
     }
 
     fn on_matrices(&self) -> Option<Specialisation> {
-        on_matrices::unembed(self.src.channels).filter(|_| on_matrices::can_load([&self.src]))
+        let tokens = on_matrices::MOST_TILES * TILE * (TILE - 1 + TAPS);
+        let inputs = on_matrices::staged(self.src.channels, tokens, 32, 0, 0)?;
+        on_matrices::can_load([&self.src]).then(|| Specialisation { inputs, ..Specialisation::default() })
     }
 
     fn chosen(&self) -> Option<Specialisation> {
         self.on_matrices().filter(|_| self.arithmetic == Arithmetic::Matrices)
+    }
+
+    fn accesses_on_matrices(&self) -> Accesses {
+        let tiles = u64::from(self.tiles.count(self.src.width, self.src.height));
+        let (inputs, taps) = (u64::from(self.src.channels), u64::from(TAPS));
+        let staged = taps * (u64::from(TILE) - 1 + taps) * u64::from(TILE) * inputs / 8;
+        let rows = taps * taps * inputs;
+        Accesses {
+            global_loads: tiles * (staged + 2 * rows),
+            global_stores: tiles * TOKENS * 4,
+            shared_loads: tiles * (TOKENS * rows / 8 + TOKENS * 4),
+            shared_stores: tiles * (staged + TOKENS * 4),
+        }
     }
 }
 
@@ -117,5 +134,16 @@ impl Kernel for Unembed {
 
     fn texels(&self) -> Vec<TexelRange> {
         vec![(&self.src).into(), self.weights.into()]
+    }
+
+    /// Away from the border, where several sets of weights are taken.
+    fn accesses(&self, variant: &Variant) -> Option<Accesses> {
+        if variant.is_on_matrices() {
+            return Some(self.accesses_on_matrices());
+        }
+        let contract = variant.contract;
+        let tokens = contract.define("TX");
+        let loads = 1 + 4 * u64::from(self.src.channels / 4) * (tokens + 4 + accesses::row_loads(contract, 32));
+        Some(Accesses::each(2 * accesses::tokens(&self.tiles, &self.src) / tokens, loads, 2 * tokens))
     }
 }

@@ -1,8 +1,10 @@
 //! Joint self-attention in windows of 8x8 tokens.
 
+use super::accesses::Accesses;
+use super::accesses::matrix::{SUBGROUPS, TOKENS};
 use super::contract::Specialisation;
 use super::contracts::{self, halves};
-use super::on_matrices;
+use super::on_matrices::{self, DEPTH};
 use super::pushes::WindowAttentionPush;
 use super::{
     Access, Addresses, Arithmetic, BufferId, Grid, Kernel, KernelTarget, PushBytes, Scale, Storage, TexelRange, Tiles,
@@ -41,12 +43,37 @@ impl WindowAttention {
     }
 
     fn on_matrices(&self) -> Option<Specialisation> {
-        let special = on_matrices::window_attention(self.key_width, self.value_width)?;
-        (self.dst.storage == Storage::F16 && on_matrices::can_load([&self.x, &self.f])).then_some(special)
+        let (keys, values) = (self.key_width, self.value_width);
+        let fits = keys.is_multiple_of(8) && keys <= 32 && values.is_multiple_of(16) && values <= 64;
+        let loads = self.dst.storage == Storage::F16 && on_matrices::can_load([&self.x, &self.f]);
+        (fits && loads).then(|| Specialisation { keys, values, ..Specialisation::default() })
     }
 
     fn chosen(&self) -> Option<Specialisation> {
         self.on_matrices().filter(|_| self.arithmetic == Arithmetic::Matrices)
+    }
+
+    fn windows(&self) -> u64 {
+        u64::from(self.tiles.count(self.dst.width, self.dst.height)) * u64::from(self.heads)
+    }
+
+    fn accesses_on_matrices(&self) -> Accesses {
+        let (windows, keys, values) = (self.windows(), u64::from(self.key_width), u64::from(self.value_width));
+        let padded = keys.next_multiple_of(DEPTH.into());
+        // Both factors of both scores once for each subgroup's queries and their bias; then the row of a softmax, and
+        // the values.
+        let scores = TOKENS * TOKENS / 4;
+        Accesses {
+            global_loads: windows * (TOKENS * (4 * keys + values) / 8 + scores),
+            global_stores: windows * TOKENS * values / 4,
+            shared_loads: windows
+                * (2 * (TOKENS + SUBGROUPS * TOKENS) * padded / 8
+                    + scores
+                    + scores / 2
+                    + SUBGROUPS * TOKENS * values / 8
+                    + TOKENS * values / 4),
+            shared_stores: windows * (TOKENS * (4 * padded + values) / 8 + scores + scores / 2 + TOKENS * values / 4),
+        }
     }
 }
 
@@ -113,5 +140,27 @@ impl Kernel for WindowAttention {
 
     fn texels(&self) -> Vec<TexelRange> {
         vec![(&self.x).into(), (&self.f).into()]
+    }
+
+    fn accesses(&self, variant: &Variant) -> Option<Accesses> {
+        if variant.is_on_matrices() {
+            return Some(self.accesses_on_matrices());
+        }
+        let windows = self.windows();
+        let (keys, values) = (u64::from(self.key_width / 4), u64::from(self.value_width / 4));
+        if variant.contract.has("QUERIES") {
+            // Of every query its own and 64 biases; a lane loads one key in eight.
+            let queries = variant.contract.define("QUERIES");
+            let loads = queries * (2 * keys + 64) + 8 * (2 * keys + values);
+            return Some(Accesses::each(windows * 64 / queries, loads, queries * values));
+        }
+        // 256 invocations make 4x4 scores each, 64 go over a row three times, 16 tasks for each vector of values.
+        let (scores, rows, tasks) = (256, 64, 16 * values);
+        Some(Accesses {
+            global_loads: windows * (scores * (16 * keys + 16) + tasks * 64),
+            global_stores: windows * tasks * 4,
+            shared_loads: windows * (rows * 128 + tasks * (64 * 4 + 4)),
+            shared_stores: windows * (scores * 16 + rows * 65),
+        })
     }
 }

@@ -1,11 +1,11 @@
 //! Dense 3x3 convolution of stride 1 by Winograd's minimal filtering.
 
+use super::accesses::{Accesses, Block};
 use super::contract::Specialisation;
 use super::contracts::{self, halves};
 use super::dense::Conv3x3;
 use super::{
-    Access, Addresses, Grid, Kernel, KernelTarget, PushBytes, Tiles, Traffic, Variant, View, by_storage,
-    groups,
+    Access, Addresses, Grid, Kernel, KernelTarget, PushBytes, Tiles, Traffic, Variant, View, by_storage, groups,
 };
 use serde::{Deserialize, Serialize};
 
@@ -86,5 +86,17 @@ impl Kernel for Winograd3x3 {
         let points = u64::from(self.tile.inputs().pow(2));
         let weights = (u64::from(self.conv.src.channels) * points + 1) * u64::from(self.conv.channels) * 4;
         self.conv.others_with(weights)
+    }
+
+    fn accesses(&self, variant: &Variant) -> Option<Accesses> {
+        let (tiles, vectors) = (variant.contract.define("TX"), variant.contract.define("NV"));
+        let (outputs, inputs) = (u64::from(self.tile.outputs()), u64::from(self.tile.inputs()));
+        let block = Block { x: outputs * tiles, y: outputs, vectors };
+        let per_four_inputs = inputs * (outputs * tiles + 2) + vectors * 4 * inputs * inputs;
+        let [epilogue, stores] = self.conv.epilogue_accesses();
+        let loads = vectors + u64::from(self.conv.src.channels / 4) * per_four_inputs + block.outputs() * epilogue;
+        let (width, height) = self.conv.result_size();
+        let invocations = block.invocations(self.conv.tiles.count(width, height), self.conv.channels);
+        Some(Accesses::each(invocations, loads, block.outputs() * stores))
     }
 }

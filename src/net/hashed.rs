@@ -13,6 +13,7 @@ impl Weights {
     ///
     /// # Errors
     /// [`WeightsError::Arch`] for an impossible architecture.
+    #[cfg_attr(not(feature = "internals"), doc(hidden))]
     pub fn hashed(arch: &Arch, preprocessing: Preprocessing, seed: u64) -> Result<Weights, WeightsError> {
         let tensors = Graph::new(arch)?.tensors().into_iter().map(|spec| {
             let data = values(&spec, seed);

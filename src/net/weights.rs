@@ -166,6 +166,7 @@ impl Weights {
     /// # Errors
     /// [`WeightsError::Arch`], [`WeightsError::Missing`], [`WeightsError::Extra`], [`WeightsError::Shape`] (also when
     /// the data is not as long as the shape says), [`WeightsError::NotFinite`].
+    #[cfg_attr(not(feature = "internals"), doc(hidden))]
     pub fn from_parts(
         arch: Arch,
         preprocessing: Preprocessing,
@@ -194,11 +195,13 @@ impl Weights {
     }
 
     /// The network they are for.
+    #[cfg_attr(not(feature = "internals"), doc(hidden))]
     pub fn arch(&self) -> &Arch {
         &self.arch
     }
 
     /// How its inputs must be made.
+    #[cfg_attr(not(feature = "internals"), doc(hidden))]
     pub fn preprocessing(&self) -> Preprocessing {
         self.preprocessing
     }
@@ -212,6 +215,7 @@ impl Weights {
     ///
     /// # Errors
     /// [`WeightsError::Missing`] for any other name.
+    #[cfg_attr(not(feature = "internals"), doc(hidden))]
     pub fn tensor(&self, name: &str) -> Result<&Tensor, WeightsError> {
         self.tensors.get(name).ok_or_else(|| WeightsError::Missing(name.into()))
     }

@@ -7,6 +7,7 @@
 
 use super::lower::Lowering;
 use super::region::restrict_chain;
+use super::steps::Step;
 use crate::kernels::{BufferId, Call, Storage, TILE};
 use crate::net::graph::Graph;
 use crate::net::op::{Op, OpKind, Shape, ValueId};
@@ -16,10 +17,10 @@ use std::collections::HashMap;
 pub(super) struct Band {
     pub top: u32,
     pub bottom: u32,
-    /// What only the chain touches.
-    locals: Vec<ValueId>,
-    /// Buffers of those.
-    pub values: HashMap<ValueId, BufferId>,
+    /// Buffers of what only the chain touches, as the steps name them.
+    locals: Vec<BufferId>,
+    /// The band's own in their place.
+    pub buffers: HashMap<BufferId, BufferId>,
 }
 
 impl Band {
@@ -27,44 +28,55 @@ impl Band {
         self.bottom - self.top
     }
 
-    pub fn is_local(&self, value: ValueId) -> bool {
-        self.locals.contains(&value)
+    pub fn is_local(&self, buffer: BufferId) -> bool {
+        self.locals.contains(&buffer)
     }
 }
 
 impl Lowering<'_> {
-    /// Lowers the operation at `at`, or the chain that begins there where it pays. Returns how many operations that
-    /// were.
+    /// Lowers the step at `at`, or the chain that begins there where it pays. Returns how many steps that were.
     pub(super) fn chain(&mut self, at: usize) -> usize {
-        let chain = Chain::new(self.graph, at, self.options.storage);
+        let steps = self.steps;
+        let chain = Chain::new(self.graph, steps.steps[at].ops.start, self.options.storage);
         let pixels = u64::from(self.padded.width) * u64::from(self.padded.height);
         let widest = chain.widest * pixels / 256;
         let bands =
             widest.div_ceil(self.options.max_chain_bytes.max(1)).min(u64::from(self.padded.height / chain.grain));
         // Lists of active tiles are those of whole maps.
         if bands < 2 || self.options.converged.is_some() {
-            let (call, flops, ops) = self.ops_at(at);
-            let op = &self.graph.ops[at + ops - 1];
-            self.push(&op.name, op.stage, flops, call);
-            return ops;
+            self.step(&steps.steps[at]);
+            return 1;
         }
+        let count = steps.steps[at..].iter().take_while(|step| step.ops.start < chain.at + chain.ops).count();
+        let chained = &steps.steps[at..at + count];
         let rows = (self.padded.height / chain.grain).div_ceil(bands as u32) * chain.grain;
         for (number, first) in (0..self.padded.height).step_by(rows as usize).enumerate() {
-            self.lower_band(&chain, number as u32, (first, (first + rows).min(self.padded.height)));
+            let end = (first + rows).min(self.padded.height);
+            self.lower_band(&chain, chained, number as u32, (first, end));
         }
-        chain.ops
+        count
+    }
+
+    /// Lowers a step for the whole frame.
+    fn step(&mut self, step: &Step) {
+        let op = &self.graph.ops[step.ops.end - 1];
+        for (i, call) in step.calls.iter().enumerate() {
+            let flops = if i + 1 == step.calls.len() { self.flops(step) } else { 0 };
+            let call = self.placed(call);
+            self.push(&op.name, op.stage, flops, call);
+        }
     }
 
     /// Lowers the chain for the pixel rows `first..end` of its result.
-    fn lower_band(&mut self, chain: &Chain, number: u32, (first, end): (u32, u32)) {
+    fn lower_band(&mut self, chain: &Chain, steps: &[Step], number: u32, (first, end): (u32, u32)) {
         let top = first.saturating_sub(chain.halo);
         let bottom = (end + chain.halo).min(self.padded.height);
-        self.band = Some(Band { top, bottom, locals: chain.locals.clone(), values: HashMap::new() });
-        let (mut calls, mut at) = (Vec::new(), chain.at);
-        while at < chain.at + chain.ops {
-            let (call, flops, ops) = self.ops_at(at);
-            calls.push((at + ops - 1, call, flops));
-            at += ops;
+        let locals = chain.locals.iter().filter_map(|value| self.steps.values.get(value)).copied().collect();
+        self.band = Some(Band { top, bottom, locals, buffers: HashMap::new() });
+        let mut calls = Vec::new();
+        for step in steps {
+            let flops = self.flops(step);
+            calls.extend(step.calls.iter().map(|call| (step.ops.end - 1, self.placed(call), flops)));
         }
         self.band = None;
         let stays = |op: usize| !chain.locals.contains(&self.graph.result(&self.graph.ops[op]).value);

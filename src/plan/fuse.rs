@@ -1,44 +1,137 @@
-//! Operations that run as one kernel.
+//! Operations that run as one kernel: a rule for each such kernel.
 
 use super::pack::Pack;
-use crate::kernels::Call;
+use super::steps::Steps;
+use crate::kernels::attention_block::AttentionBlock;
+use crate::kernels::aux_projection::AuxProjection;
 use crate::kernels::separable::Separable3x3;
-use crate::kernels::winograd::WinogradTile;
+use crate::kernels::{Activation, Arithmetic, BufferId, Call, Tiles};
 use crate::net::graph::Graph;
-use crate::net::op::{ConvWeight, OpKind, Shuffle};
+use crate::net::op::{LinearWeight, OpKind, ValueId};
+use crate::options::AttentionForm;
 
-/// Whether operation `at` is a depthwise convolution whose whole result the next one, a Linear, reads, and nobody else.
-pub(super) fn is_separable(graph: &Graph, at: usize) -> bool {
-    let (Some(OpKind::Depthwise3x3 { output, .. }), Some(OpKind::Linear { inputs, .. })) =
-        (graph.ops.get(at).map(|op| &op.kind), graph.ops.get(at + 1).map(|op| &op.kind))
-    else {
-        return false;
-    };
-    let readers = graph.ops.iter().filter(|op| graph.reads(op).iter().any(|slice| slice.value == *output)).count();
-    *inputs == [graph.whole(*output)] && readers == 1 && graph.residual != *output
-}
+/// Operations of the features' projection: three times a Linear, a depthwise convolution, a Linear.
+const PROJECTION_OPS: usize = 9;
+/// Operations of a block's attention: queries, keys and values; queries and keys of the features; attention;
+/// projection.
+const ATTENTION_OPS: usize = 4;
 
-/// The weights of a dense 3x3 convolution, as the kernel that was chosen reads them.
-pub(super) fn conv_pack(
-    weight: &ConvWeight,
-    bias: bool,
-    (inputs, outputs): (u32, u32),
-    shuffle: Shuffle,
-    tile: Option<WinogradTile>,
-) -> Pack {
-    let (weight, shuffle) = (weight.clone(), shuffle == Shuffle::Shuffle);
-    match tile {
-        Some(tile) => Pack::Winograd3x3 { weight, bias, inputs, outputs, shuffle, tile },
-        None => Pack::Conv3x3 { weight, bias, inputs, outputs, shuffle },
+impl Steps<'_> {
+    /// The kernel of several operations that begin at `at`, by the first rule that has one, and how many they are.
+    pub(super) fn fused(&mut self, at: usize) -> Option<(Call, usize)> {
+        let rules = [Self::aux_projection, Self::attention_block, Self::separable];
+        rules.into_iter().find_map(|rule| rule(self, at))
     }
-}
 
-/// The kernels of two operations that [`is_separable`], as one.
-pub(super) fn fuse(depthwise: Call, pointwise: Call) -> Call {
-    match (depthwise, pointwise) {
-        (Call::Depthwise3x3(depthwise), Call::Linear(pointwise)) => {
-            Call::Separable3x3(Separable3x3 { depthwise, pointwise })
+    /// The kernel of the projection that begins at `at`, and how many operations it swallows. `None` where
+    /// none begins there, where its maps do not fit, and where lists of tiles are made: it works on two tiles side by
+    /// side.
+    fn aux_projection(&mut self, at: usize) -> Option<(Call, usize)> {
+        let graph = self.graph;
+        if self.target.arithmetic != Arithmetic::Matrices || self.target.converged.is_some() {
+            return None;
         }
-        other => unreachable!("{other:?} is no separable convolution"),
+        let ops = graph.ops.get(at..at + PROJECTION_OPS)?;
+        let OpKind::Linear { inputs, .. } = &ops[0].kind else { return None };
+        let steps = ops.chunks_exact(3).all(|step| {
+            let kinds = (&step[0].kind, &step[1].kind, &step[2].kind);
+            matches!(kinds, (OpKind::Linear { .. }, OpKind::Depthwise3x3 { .. }, OpKind::Linear { .. }))
+        });
+        if *inputs != [graph.whole(graph.aux)] || !steps || !is_closed(graph, at, PROJECTION_OPS) {
+            return None;
+        }
+        let calls: Vec<Call> = ops.iter().map(|op| self.op(op)).collect();
+        let [
+            Call::Linear(first),
+            Call::Depthwise3x3(d0),
+            Call::Linear(o0),
+            Call::Linear(p1),
+            Call::Depthwise3x3(d1),
+            Call::Linear(o1),
+            Call::Linear(p2),
+            Call::Depthwise3x3(d2),
+            Call::Linear(o2),
+        ] = &calls[..]
+        else {
+            return None;
+        };
+        let dense = [first, o0, p1, o1, p2, o2];
+        let fits = dense.iter().all(|linear| linear.arithmetic == Arithmetic::Matrices && linear.film.is_none())
+            && [d0, d1, d2].iter().all(|depthwise| depthwise.activation == Activation::LeakyRelu)
+            && dense[..5].iter().all(|linear| linear.activation == Activation::None)
+            && o2.activation == Activation::LeakyRelu
+            && AuxProjection::fits_matrices(&first.src, &o2.dst);
+        fits.then(|| {
+            let projection = AuxProjection {
+                src: first.src,
+                dst: o2.dst,
+                pointwise: [first, p1, p2].map(|linear| linear.weights),
+                depthwise: [d0, d1, d2].map(|depthwise| depthwise.weights),
+                out: [o0, o1, o2].map(|linear| linear.weights),
+                tiles: Tiles::All,
+            };
+            (Call::AuxProjection(projection), PROJECTION_OPS)
+        })
     }
+
+    /// The kernel of the attention that begins at `at`, and how many operations it swallows. `None` where
+    /// none begins there, where no kernel takes it, and where kernels of their own are asked for.
+    fn attention_block(&mut self, at: usize) -> Option<(Call, usize)> {
+        let graph = self.graph;
+        if self.target.arithmetic != Arithmetic::Matrices || self.target.attention != AttentionForm::Joined {
+            return None;
+        }
+        let ops = graph.ops.get(at..at + ATTENTION_OPS)?;
+        let (OpKind::Linear { weight: of_x, .. }, OpKind::Linear { weight: of_f, .. }) = (&ops[0].kind, &ops[1].kind)
+        else {
+            return None;
+        };
+        let attends = matches!((&ops[2].kind, &ops[3].kind), (OpKind::WindowAttention { .. }, OpKind::Linear { .. }));
+        if !attends || !is_closed(graph, at, ATTENTION_OPS) {
+            return None;
+        }
+        let calls: Vec<Call> = ops.iter().map(|op| self.op(op)).collect();
+        let [Call::Linear(qkv), Call::Linear(qkf), Call::WindowAttention(attention), Call::Linear(projection)] =
+            &calls[..]
+        else {
+            return None;
+        };
+        let mut block = AttentionBlock::joined(qkv, qkf, attention, projection)?;
+        let names = [&ops[0].name, &ops[1].name];
+        block.biases = [(names[0], of_x), (names[1], of_f)].map(|(name, weight)| self.bias_rows(name, weight));
+        Some((Call::AttentionBlock(block), ATTENTION_OPS))
+    }
+
+    fn bias_rows(&mut self, name: &str, weight: &LinearWeight) -> BufferId {
+        self.pack(&format!("{name}.biases"), Pack::BiasRows(weight.clone()))
+    }
+
+    /// A depthwise convolution and the Linear that alone reads its result, all of it.
+    fn separable(&mut self, at: usize) -> Option<(Call, usize)> {
+        let (graph, form) = (self.graph, self.target.separable);
+        let [depthwise, pointwise] = graph.ops.get(at..at + 2)? else { return None };
+        let (OpKind::Depthwise3x3 { output, .. }, OpKind::Linear { inputs, .. }) = (&depthwise.kind, &pointwise.kind)
+        else {
+            return None;
+        };
+        let pays = form.fuses(graph.result(depthwise).channels, graph.result(pointwise).channels);
+        if !pays || *inputs != [graph.whole(*output)] || !is_closed(graph, at, 2) {
+            return None;
+        }
+        match (self.op(depthwise), self.op(pointwise)) {
+            (Call::Depthwise3x3(depthwise), Call::Linear(pointwise)) => {
+                Some((Call::Separable3x3(Separable3x3 { depthwise, pointwise }), 2))
+            }
+            _ => None,
+        }
+    }
+}
+
+/// Whether what lies between so many operations from `at` on is read by these alone.
+fn is_closed(graph: &Graph, at: usize, ops: usize) -> bool {
+    let between: Vec<ValueId> =
+        graph.ops[at..at + ops - 1].iter().flat_map(|op| graph.writes(op)).map(|slice| slice.value).collect();
+    let others = graph.ops.iter().enumerate().filter(|(i, _)| !(at..at + ops).contains(i)).map(|(_, op)| op);
+    let kept = between.contains(&graph.residual);
+    !kept && !others.flat_map(|op| graph.reads(op)).any(|slice| between.contains(&slice.value))
 }

@@ -1,18 +1,18 @@
-//! From graph and size to dispatches.
+//! From steps and a size to dispatches.
 
 use super::arena::{self, Limits, Request};
 use super::bands::Band;
 use super::featureless::{self, For};
-use super::pack::Pack;
+use super::steps::{Size, Step, Steps};
 use super::tile::Given;
-use super::{Buffer, Dispatch, Place, Plan, features, hazards, converged};
+use super::{Buffer, Dispatch, Place, Plan, converged, features, hazards};
 use crate::error::{Error, Result};
 use crate::frame::{Extent, Region};
 use crate::kernels::stats::Counted;
-use crate::kernels::{BufferId, Call, Storage, Tiles, View, frame_io, stats};
+use crate::kernels::{BufferId, Call, Storage, Tiles, View, film, frame_io, stats};
 use crate::net::cost::op_flops;
 use crate::net::graph::Graph;
-use crate::net::op::{Op, Shape, Slice, Stage, ValueId};
+use crate::net::op::{Stage, ValueId};
 use crate::target::Target;
 use std::collections::HashMap;
 
@@ -46,7 +46,8 @@ pub fn plan_in(graph: &Graph, extent: Extent, options: &Target, blocks: &[u64]) 
 /// Fails within with the size of a map that no block holds.
 fn of_frame(graph: &Graph, extent: Extent, options: &Target, arena: Limits) -> Result<Result<Plan, u64>> {
     let graph = graph.folded(options.folds);
-    let mut lowering = Lowering::new(&graph, extent, padded(&graph, extent)?, options);
+    let steps = Steps::new(&graph, options, false);
+    let mut lowering = Lowering::new(&steps, extent, padded(&graph, extent)?);
     lowering.frame_in();
     lowering.ops();
     lowering.signals();
@@ -61,9 +62,9 @@ fn of_frame(graph: &Graph, extent: Extent, options: &Target, arena: Limits) -> R
 /// As [`plan`].
 pub fn plan_part(graph: &Graph, extent: Extent, options: &Target) -> Result<Plan> {
     let graph = graph.folded(options.folds);
-    let mut lowering = Lowering::new(&graph, extent, padded(&graph, extent)?, options);
-    lowering.is_part = true;
-    let kept = [graph.color, graph.aux, graph.residual].map(|value| lowering.value(value));
+    let steps = Steps::new(&graph, options, true);
+    let mut lowering = Lowering::new(&steps, extent, padded(&graph, extent)?);
+    let kept = [graph.color, graph.aux, graph.residual].map(|value| lowering.whole(value).buffer);
     lowering.ops();
     lowering.finish(&kept, Limits::Each(options.max_block_bytes)).map_err(|bytes| map_too_large(extent, bytes, options))
 }
@@ -85,14 +86,9 @@ fn map_too_large(extent: Extent, bytes: u64, options: &Target) -> Error {
     Error::FrameTooLarge { width: extent.width, height: extent.height, reason }
 }
 
-/// A mean that the next kernel finishes: partial sums.
-pub(super) struct Partials {
-    pub buffer: BufferId,
-    pub sums: u64,
-    pub tokens: u64,
-}
-
+/// The steps at a size.
 pub(super) struct Lowering<'a> {
+    pub steps: &'a Steps<'a>,
     pub graph: &'a Graph,
     pub options: &'a Target,
     pub extent: Extent,
@@ -101,38 +97,28 @@ pub(super) struct Lowering<'a> {
     pub dispatches: Vec<Dispatch>,
     /// The band that operations are lowered for, where a chain of them runs band by band.
     pub band: Option<Band>,
-    /// Whether the graph is a network's part, whose input and result are maps like all others.
-    is_part: bool,
-    /// Buffer of every value that has one.
-    values: HashMap<ValueId, BufferId>,
-    packs: HashMap<Pack, BufferId>,
-    pub partials: HashMap<ValueId, Partials>,
+    /// How many partial sums a buffer holds, and of how many tokens.
+    sums: HashMap<BufferId, (u64, u64)>,
     pub stats: BufferId,
     /// What is known of every tile of the colour.
     pub tile_stats: BufferId,
-    weights_bytes: u64,
 }
 
 impl<'a> Lowering<'a> {
-    fn new(graph: &'a Graph, extent: Extent, padded: Extent, options: &'a Target) -> Self {
-        let mut lowering = Self {
-            graph,
-            options,
+    fn new(steps: &'a Steps<'a>, extent: Extent, padded: Extent) -> Self {
+        Self {
+            steps,
+            graph: steps.graph,
+            options: steps.target,
             extent,
             padded,
-            buffers: Vec::new(),
+            buffers: steps.buffers.clone(),
             dispatches: Vec::new(),
             band: None,
-            is_part: false,
-            values: HashMap::new(),
-            packs: HashMap::new(),
-            partials: HashMap::new(),
-            stats: BufferId(0),
+            sums: HashMap::new(),
+            stats: Steps::STATS,
             tile_stats: BufferId(0),
-            weights_bytes: 0,
-        };
-        lowering.stats = lowering.scratch("stats", stats::STATS_FLOATS * 4, Storage::F32);
-        lowering
+        }
     }
 
     pub(super) fn scratch(&mut self, name: &str, bytes: u64, storage: Storage) -> BufferId {
@@ -142,79 +128,60 @@ impl<'a> Lowering<'a> {
         BufferId(self.buffers.len() - 1)
     }
 
-    pub(super) fn pack(&mut self, name: &str, pack: Pack) -> BufferId {
-        if let Some(&id) = self.packs.get(&pack) {
-            return id;
-        }
-        let bytes = pack.len() as u64 * 4;
-        let place = Place::Weights { pack: pack.clone(), offset: self.weights_bytes };
-        self.weights_bytes += bytes.next_multiple_of(256);
-        self.buffers.push(Buffer { name: name.to_owned(), bytes, storage: Storage::F32, place });
-        let id = BufferId(self.buffers.len() - 1);
-        self.packs.insert(pack, id);
-        id
-    }
-
-    /// How a value is stored: the network's maps as the options say, its input and result in full, and so radiance.
-    fn storage(&self, id: ValueId) -> Storage {
-        let whole = [self.graph.color, self.graph.residual].contains(&id) || self.graph.is_of_kernels(id);
-        let full = !self.is_part && whole;
-        let is_map = matches!(self.graph.value(id).shape, Shape::Map { .. });
-        if is_map && !full { self.options.storage } else { Storage::F32 }
-    }
-
-    /// The buffer of a value; within a band, the band's own where the value lives no longer than that.
-    pub(super) fn value(&mut self, id: ValueId) -> BufferId {
-        let local = self.band.as_ref().is_some_and(|band| band.is_local(id));
-        let known = if local { self.band.as_ref().and_then(|band| band.values.get(&id)) } else { self.values.get(&id) };
-        if let Some(&buffer) = known {
-            return buffer;
-        }
-        let value = self.graph.value(id);
-        let storage = self.storage(id);
-        let bytes = match value.shape {
-            Shape::Map { stride, channels } => {
-                let height = self.band.as_ref().filter(|_| local).map_or(self.padded.height, Band::height);
-                let tokens = u64::from(self.padded.width / stride) * u64::from(height / stride);
-                tokens * u64::from(channels.next_multiple_of(4)) * storage.bytes()
-            }
-            Shape::Vector { len } => u64::from(len) * 4,
-        };
-        let buffer = self.scratch(&value.name, bytes, storage);
-        match self.band.as_mut().filter(|_| local) {
-            Some(band) => band.values.insert(id, buffer),
-            None => self.values.insert(id, buffer),
-        };
-        buffer
-    }
-
-    /// A map's channels; within a band, the band's rows of it.
-    pub(super) fn view(&mut self, slice: Slice) -> View {
-        let buffer = self.value(slice.value);
-        let (stride, channels) = match self.graph.value(slice.value).shape {
-            Shape::Map { stride, channels } => (stride, channels),
-            Shape::Vector { len } => (1, len),
-        };
-        let (top, height) = match &self.band {
-            Some(band) if band.is_local(slice.value) => (0, band.height()),
+    /// Gives a map its size; within a band, the band's rows of it, in the band's own buffer where the value lives no
+    /// longer than that.
+    fn place(&mut self, view: &mut View) {
+        let Size::Map { stride, channels } = self.steps.sizes[view.buffer.0] else { return };
+        let (whole, band) = (view.buffer, self.band.as_ref());
+        let local = band.is_some_and(|band| band.is_local(whole));
+        let (top, height) = match band {
+            Some(band) if local => (0, band.height()),
             Some(band) => (band.top, band.height()),
             None => (0, self.padded.height),
         };
-        View {
-            buffer,
-            first: slice.first,
-            channels: slice.channels.next_multiple_of(4),
-            stride: channels.next_multiple_of(4),
-            width: self.padded.width / stride,
-            height: height / stride,
-            top: top / stride,
-            storage: self.storage(slice.value),
+        (view.width, view.height, view.top) = (self.padded.width / stride, height / stride, top / stride);
+        let rows = if local { height } else { self.padded.height } / stride;
+        let bytes = u64::from(view.width) * u64::from(rows) * u64::from(channels) * view.storage.bytes();
+        if !local {
+            self.buffers[whole.0].bytes = bytes;
+            return;
+        }
+        let known = band.and_then(|band| band.buffers.get(&whole)).copied();
+        view.buffer = known.unwrap_or_else(|| {
+            let name = self.buffers[whole.0].name.clone();
+            self.scratch(&name, bytes, view.storage)
+        });
+        if let Some(band) = &mut self.band {
+            band.buffers.insert(whole, view.buffer);
         }
     }
 
+    /// A kernel of the steps at this size.
+    pub(super) fn placed(&mut self, call: &Call) -> Call {
+        let mut call = call.clone();
+        call.kernel_mut().maps(&mut |view, _| self.place(view));
+        match &mut call {
+            Call::TokenSum(sum) => {
+                let stride = self.padded.width / sum.src.width;
+                sum.real_width = self.extent.width.div_ceil(stride);
+                sum.real_height = self.extent.height.div_ceil(stride);
+                self.buffers[sum.dst.0].bytes = match self.options.of_tile {
+                    true => film::TokenSum::most_bytes(sum.src.channels),
+                    false => sum.sums_bytes(),
+                };
+                self.sums.insert(sum.dst, (sum.sums(), sum.real_tokens()));
+            }
+            Call::FilmVector(vector) => (vector.sums, vector.tokens) = self.sums[&vector.partials],
+            _ => {}
+        }
+        call
+    }
+
+    /// All of a value's map, of the whole frame.
     pub(super) fn whole(&mut self, id: ValueId) -> View {
-        let slice = self.graph.whole(id);
-        self.view(slice)
+        let mut view = self.steps.of_value(id);
+        self.place(&mut view);
+        view
     }
 
     pub(super) fn push(&mut self, name: &str, stage: Stage, flops: u64, call: Call) {
@@ -287,19 +254,24 @@ impl<'a> Lowering<'a> {
 
     fn ops(&mut self) {
         let mut at = 0;
-        while at < self.graph.ops.len() {
+        while at < self.steps.steps.len() {
             at += self.chain(at);
         }
     }
 
-    pub(super) fn flops(&self, op: &Op) -> u64 {
-        op_flops(self.graph, op, self.padded.width, self.padded.height).total()
+    /// FLOPs of the operations that a step stands for.
+    pub(super) fn flops(&self, step: &Step) -> u64 {
+        let Extent { width, height } = self.padded;
+        let ops = &self.graph.ops[step.ops.clone()];
+        ops.iter().map(|op| op_flops(self.graph, op, width, height).total()).sum()
     }
 
     /// Places the buffers, those of `kept` for all the time, what outlives a recording in persistent memory, and finds
     /// the barriers. Fails with the size of a buffer that no block holds.
     fn finish(mut self, kept: &[BufferId], arena: Limits) -> Result<Plan, u64> {
         let options = self.options;
+        let [log_color, aux, residual] =
+            [self.graph.color, self.graph.aux, self.graph.residual].map(|value| self.whole(value));
         let buffers = &self.buffers;
         features::mark(&mut self.dispatches, |id| matches!(buffers[id.0].place, Place::Weights { .. }));
         let multiple = self.graph.arch.pad_multiple();
@@ -374,15 +346,15 @@ impl<'a> Lowering<'a> {
         Ok(Plan {
             extent: self.extent,
             padded: self.padded,
-            log_color: self.whole(self.graph.color),
-            aux: self.whole(self.graph.aux),
-            residual: self.whole(self.graph.residual),
+            log_color,
+            aux,
+            residual,
             buffers: self.buffers,
             dispatches,
             without_features,
             blocks,
             persistent: persistent_blocks,
-            weights_bytes: self.weights_bytes,
+            weights_bytes: self.steps.packing.bytes(),
             stats: self.stats,
             keeps_features: options.keep_features,
             converged,

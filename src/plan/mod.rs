@@ -3,9 +3,9 @@
 
 pub mod active;
 pub(crate) mod arena;
-mod attention_block;
-mod aux_projection;
 mod bands;
+pub mod converged;
+mod converged_reach;
 mod featureless;
 mod features;
 mod fuse;
@@ -13,11 +13,11 @@ mod hazards;
 mod lower;
 mod ops;
 pub mod pack;
+mod packing;
 mod predicted;
-pub mod converged;
-mod converged_reach;
 mod region;
 mod signals;
+mod steps;
 pub mod tile;
 mod unembed;
 mod winograd;
@@ -29,6 +29,8 @@ use crate::net::op::Stage;
 use pack::Pack;
 
 pub use lower::{plan, plan_in, plan_part};
+pub use packing::Packing;
+pub use steps::{packing, packing_of_part};
 
 /// Where a buffer of the plan lies.
 #[derive(Clone, Debug, PartialEq)]

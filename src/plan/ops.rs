@@ -1,37 +1,16 @@
-//! From one operation to its kernel.
+//! From one operation to its kernel, before there is a size.
 
-use super::fuse::{conv_pack, fuse, is_separable};
-use super::lower::{Lowering, Partials};
 use super::pack::{Pack, linear_outputs};
+use super::steps::{Size, Steps};
 use crate::kernels::dense::NARROW_CHANNELS;
-use crate::kernels::winograd::Winograd3x3;
+use crate::kernels::winograd::{Winograd3x3, WinogradTile};
 use crate::kernels::{
     Arithmetic, BufferId, Call, Storage, Tiles, View, dense, film, maps, predicted, unembed, window_attention,
 };
-use crate::net::op::{Op, OpKind, Slice, conv_outputs};
+use crate::net::op::{ConvWeight, Op, OpKind, Shuffle, Slice, conv_outputs};
 
-impl Lowering<'_> {
-    /// The kernel of the operation at `at` and of those that it swallows, the FLOPs of all of them, and how many they
-    /// are.
-    pub(super) fn ops_at(&mut self, at: usize) -> (Call, u64, usize) {
-        if let Some(projection) = self.aux_projection(at) {
-            return projection;
-        }
-        if let Some(block) = self.attention_block(at) {
-            return block;
-        }
-        let graph = self.graph;
-        let op = &graph.ops[at];
-        let (call, flops) = (self.op(op), self.flops(op));
-        let (form, inputs) = (self.options.separable, graph.result(op).channels);
-        let fuses = |next: &&Op| form.fuses(inputs, graph.result(next).channels) && is_separable(graph, at);
-        match graph.ops.get(at + 1).filter(fuses) {
-            Some(next) => (fuse(call, self.op(next)), flops + self.flops(next), 2),
-            None => (call, flops, 1),
-        }
-    }
-
-    /// The kernel of an operation. Kernels that must run before it are pushed.
+impl Steps<'_> {
+    /// The kernel of an operation. What must run before it is added to [`Steps::before`].
     pub(super) fn op(&mut self, op: &Op) -> Call {
         match &op.kind {
             OpKind::Conv3x3 { input, weight, bias, stride, activation, shuffle, film, residual, output } => {
@@ -54,7 +33,7 @@ impl Lowering<'_> {
                 conv.arithmetic = self.arithmetic(conv.fits_matrices());
                 let fits_winograd = *stride == 1 && channels > NARROW_CHANNELS && src.storage == dst.storage;
                 let tile = match conv.arithmetic {
-                    Arithmetic::Floats if fits_winograd => self.options.conv.tile(),
+                    Arithmetic::Floats if fits_winograd => self.target.conv.tile(),
                     _ => None,
                 };
                 let pack = conv_pack(weight, *bias, (input.channels, channels), *shuffle, tile);
@@ -138,30 +117,20 @@ impl Lowering<'_> {
             OpKind::FilmMean { input, norm, output } => {
                 // Normed in a map of its own, then summed.
                 let source = self.view(*input);
-                let normed = View {
-                    buffer: self.scratch(&format!("{}.normed", op.name), source.bytes(), source.storage),
-                    first: 0,
-                    stride: source.channels,
-                    ..source
-                };
+                let size = Size::Map { stride: self.stride(*input), channels: source.channels };
+                let buffer = self.buffer(&format!("{}.normed", op.name), size, source.storage);
+                let normed = View { buffer, first: 0, stride: source.channels, ..source };
                 let norm = self.layer_norm(*input, norm, normed);
-                self.push(&op.name, op.stage, 0, norm);
-                let stride = self.padded.width / source.width;
-                let mut sum = film::TokenSum {
+                self.before.push(norm);
+                let partials = self.buffer(&format!("{}.partials", op.name), Size::OfFrame, Storage::F32);
+                self.values.insert(*output, partials);
+                Call::TokenSum(film::TokenSum {
                     src: normed,
-                    real_width: self.extent.width.div_ceil(stride),
-                    real_height: self.extent.height.div_ceil(stride),
-                    dst: normed.buffer,
+                    real_width: 0,
+                    real_height: 0,
+                    dst: partials,
                     computed: None,
-                };
-                let bytes = match self.options.of_tile {
-                    true => film::TokenSum::most_bytes(normed.channels),
-                    false => sum.sums_bytes(),
-                };
-                sum.dst = self.scratch(&format!("{}.partials", op.name), bytes, Storage::F32);
-                let partials = Partials { buffer: sum.dst, sums: sum.sums(), tokens: sum.real_tokens() };
-                self.partials.insert(*output, partials);
-                Call::TokenSum(sum)
+                })
             }
             OpKind::KernelInputs { head, early, tokens, color, residual, albedo, levels, output, taps } => {
                 let mut call = predicted::KernelInputs {
@@ -214,17 +183,15 @@ impl Lowering<'_> {
             OpKind::FilmVector { input, weight, output } => {
                 let inputs = self.graph.whole(*input).channels;
                 let outputs = self.graph.whole(*output).channels;
-                let weights = self.pack(weight, Pack::FilmVector { weight: weight.clone(), inputs, outputs });
-                let dst = self.value(*output);
-                let partials = &self.partials[input];
+                let pack = Pack::FilmVector { weight: weight.clone(), inputs, outputs };
                 Call::FilmVector(film::FilmVector {
-                    partials: partials.buffer,
-                    sums: partials.sums,
-                    tokens: partials.tokens,
+                    partials: self.value(*input),
+                    sums: 0,
+                    tokens: 0,
                     counts: None,
                     channels: inputs,
-                    weights,
-                    dst,
+                    weights: self.pack(weight, pack),
+                    dst: self.value(*output),
                     outputs,
                 })
             }
@@ -233,7 +200,7 @@ impl Lowering<'_> {
 
     /// What a kernel computes with that could, or could not, on matrices.
     fn arithmetic(&self, fits_matrices: bool) -> Arithmetic {
-        if fits_matrices { self.options.arithmetic } else { Arithmetic::Floats }
+        if fits_matrices { self.target.arithmetic } else { Arithmetic::Floats }
     }
 
     fn dense_pack(&mut self, name: &str, pack: Pack, arithmetic: Arithmetic) -> BufferId {
@@ -257,5 +224,20 @@ fn kernels_pack(head: &str, levels: u32, arithmetic: Arithmetic) -> Pack {
     match arithmetic {
         Arithmetic::Floats => Pack::Kernels { head, levels },
         Arithmetic::Matrices => Pack::KernelsMatrix { head, levels },
+    }
+}
+
+/// The weights of a dense 3x3 convolution, as the kernel that was chosen reads them.
+fn conv_pack(
+    weight: &ConvWeight,
+    bias: bool,
+    (inputs, outputs): (u32, u32),
+    shuffle: Shuffle,
+    tile: Option<WinogradTile>,
+) -> Pack {
+    let (weight, shuffle) = (weight.clone(), shuffle == Shuffle::Shuffle);
+    match tile {
+        Some(tile) => Pack::Winograd3x3 { weight, bias, inputs, outputs, shuffle, tile },
+        None => Pack::Conv3x3 { weight, bias, inputs, outputs, shuffle },
     }
 }

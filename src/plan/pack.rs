@@ -166,6 +166,11 @@ impl Pack {
         }
     }
 
+    /// Bytes that it takes.
+    pub fn bytes(&self) -> u64 {
+        self.len() as u64 * 4
+    }
+
     /// Whether nothing is packed.
     pub fn is_empty(&self) -> bool {
         self.len() == 0

@@ -21,6 +21,10 @@
 //! # }
 //! ```
 //!
+//! A [`Shape`] is what a kernel works on, [`Accesses`] how often it asks for memory, a [`Roof`] what a device can do at
+//! most; [`PipelineStatistic`]s are what the driver's compiler says
+//! ([`Denoiser::pipeline_statistics`](crate::Denoiser::pipeline_statistics)).
+//!
 //! A timestamp is taken when everything before it is done, so a kernel's time begins when the one before has ended: for
 //! kernels that the device runs at once, the later one's time is what it adds.
 
@@ -28,6 +32,8 @@ mod record;
 mod roof;
 mod shape;
 
+pub use crate::kernels::Accesses;
+pub use crate::vk::statistics::{PipelineStatistic, StatisticValue};
 pub use record::KernelRecord;
 pub use roof::Roof;
 pub use shape::Shape;

@@ -51,7 +51,7 @@ impl KernelRecord {
     pub(super) fn new(dispatch: &Dispatch, start: f64, end: f64) -> Self {
         let contract = dispatch.variant.contract;
         let traffic = if dispatch.skipped { Traffic::default() } else { dispatch.traffic() };
-        let accesses = dispatch.call.accesses(&dispatch.variant);
+        let accesses = dispatch.call.kernel().accesses(&dispatch.variant);
         let bytes = |touched: &[(_, u64)]| touched.iter().map(|(_, bytes)| bytes).sum();
         Self {
             name: dispatch.name.clone(),

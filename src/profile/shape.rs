@@ -24,6 +24,7 @@ impl fmt::Display for Shape {
 
 impl Shape {
     /// The shape of a call.
+    #[cfg_attr(not(feature = "internals"), doc(hidden))]
     pub fn of(call: &Call) -> Self {
         let (width, height) = call.grid().map_or((1, 1), |grid| (grid.width, grid.height));
         let tokens = u64::from(width) * u64::from(height);

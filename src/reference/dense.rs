@@ -1,37 +1,49 @@
 //! Twins of the dense kernels ([`crate::kernels::dense`]).
 
-use super::Reference;
 use super::map::Map;
 use super::maps::normalise;
 use super::matrix::Matrix;
 use super::parameters::Parameters;
+use super::{Reference, Twin};
 use crate::kernels::dense::{Conv3x3, Linear};
+use crate::kernels::winograd::Winograd3x3;
 use crate::kernels::{Activation, BufferId, Shuffle, View};
 
-/// `shuffle(act(film(conv3x3(src) + bias) + residual))`.
-pub fn conv3x3(reference: &mut Reference, call: &Conv3x3) {
-    let src = reference.map(&call.src);
-    let mut result = reference.matrix(call.weights).apply(&src, call.stride as usize, call.channels as usize);
-    reference.finish(&mut result, call.film, call.residual.as_ref(), call.activation);
-    let (width, height) = call.result_size();
-    let tiles = reference.tiles(&call.tiles, width, height);
-    reference.store(&result, &call.dst, &tiles, |x, y, channel| match call.shuffle {
-        Shuffle::None => (x, y, channel),
-        Shuffle::Shuffle => (2 * x + channel % 2, 2 * y + channel % 4 / 2, channel / 4),
-        Shuffle::Unshuffle => (x / 2, y / 2, 4 * channel + 2 * (y % 2) + x % 2),
-    });
+impl Twin for Conv3x3 {
+    /// `shuffle(act(film(conv3x3(src) + bias) + residual))`.
+    fn compute(&self, reference: &mut Reference) {
+        let src = reference.map(&self.src);
+        let mut result = reference.matrix(self.weights).apply(&src, self.stride as usize, self.channels as usize);
+        reference.finish(&mut result, self.film, self.residual.as_ref(), self.activation);
+        let (width, height) = self.result_size();
+        let tiles = reference.tiles(&self.tiles, width, height);
+        reference.store(&result, &self.dst, &tiles, |x, y, channel| match self.shuffle {
+            Shuffle::None => (x, y, channel),
+            Shuffle::Shuffle => (2 * x + channel % 2, 2 * y + channel % 4 / 2, channel / 4),
+            Shuffle::Unshuffle => (x / 2, y / 2, 4 * channel + 2 * (y % 2) + x % 2),
+        });
+    }
 }
 
-/// `act(film(W norm([src | src_b]) + bias) + residual)`.
-pub fn linear(reference: &mut Reference, call: &Linear) {
-    let mut src = reference.map(&call.src);
-    if let Some(src_b) = &call.src_b {
-        src = src.beside(&reference.map(src_b));
+impl Twin for Winograd3x3 {
+    /// What it computes, not how.
+    fn compute(&self, reference: &mut Reference) {
+        self.conv.compute(reference);
     }
-    if call.norm {
-        src.values.chunks_exact_mut(src.channels).for_each(normalise);
+}
+
+impl Twin for Linear {
+    /// `act(film(W norm([src | src_b]) + bias) + residual)`.
+    fn compute(&self, reference: &mut Reference) {
+        let mut src = reference.map(&self.src);
+        if let Some(src_b) = &self.src_b {
+            src = src.beside(&reference.map(src_b));
+        }
+        if self.norm {
+            src.values.chunks_exact_mut(src.channels).for_each(normalise);
+        }
+        reference.pointwise(&src, self);
     }
-    reference.pointwise(&src, call);
 }
 
 impl Reference<'_> {

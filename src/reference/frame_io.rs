@@ -1,14 +1,14 @@
 //! Twins of the frame's way into the network and out of it ([`crate::kernels::frame_io`]).
 
-use super::Reference;
 use super::map::Map;
 use super::samples::{Mending, Way, light_of};
 use super::signals::SignalData;
 use super::tiles;
-use crate::frame::{Extent, Frame, Plane, Samples};
-use crate::kernels::frame_io::{Fireflies, InputAux, InputColor, Output};
+use super::{Reference, Twin};
 use crate::frame::NoiseKind;
+use crate::frame::{Extent, Frame, Plane, Samples};
 use crate::kernels::converged::{BLEND_PIXELS, MAP_TILE};
+use crate::kernels::frame_io::{Fireflies, InputAux, InputColor, Output};
 use crate::kernels::stats::{EXPOSURE, LARGEST};
 
 /// The network's range: what it is given of exposed colour ends here.
@@ -139,84 +139,90 @@ impl FrameData {
     }
 }
 
-/// `log1p(colour * exposure)`, samples mended, reflected into the padding, and a mark where light goes around the
-/// network.
-pub fn input_color(reference: &mut Reference, call: &InputColor) {
-    let stats = reference.buffer(call.stats);
-    let frame = &reference.frame;
-    let mending = Mending::new(frame, stats, reference.buffer(call.tile_stats));
-    let exposure = stats[EXPOSURE];
-    let mut map = Map::zeros(call.dst.width as usize, call.dst.height as usize, call.dst.channels as usize);
-    fill(&mut map, call.width, call.height, |x, y, token| {
-        let (light, way) = mending.pixel(x, y);
-        let exposed = light.map(|channel| channel * exposure);
-        for (to, color) in token.iter_mut().zip(exposed) {
-            *to = color.min(RANGE).ln_1p();
-        }
-        let exceeds = exposed.iter().any(|&color| color > RANGE);
-        if [Way::Kept, Way::Lamp].contains(&way) || way == Way::AsItIs && exceeds {
-            let samples = frame.samples(x, y);
-            let others = exposed.iter().zip(samples).filter(|(_, sample)| !sample.is_finite());
-            let otherwise = others.map(|(exposed, _)| exposed.min(f64::from(f32::MAX))).fold(0.0, f64::max);
-            token[3] = (1.0 + otherwise.ln_1p()) * if way == Way::Lamp { -1.0 } else { 1.0 };
-        }
-    });
-    let tiles = reference.tiles(&call.tiles, call.dst.width, call.dst.height);
-    reference.store(&map, &call.dst, &tiles, |x, y, channel| (x, y, channel));
-}
-
-/// Albedo, normal, depth and a zero, reflected into the padding.
-pub fn input_aux(reference: &mut Reference, call: &InputAux) {
-    let depth_scale = reference.buffer(call.depth_scale)[0];
-    let frame = &reference.frame;
-    let mut map = Map::zeros(call.dst.width as usize, call.dst.height as usize, call.dst.channels as usize);
-    fill(&mut map, call.width, call.height, |x, y, token| {
-        token[..7].copy_from_slice(&frame.features(y * call.width as usize + x, depth_scale));
-    });
-    let tiles = reference.tiles(&call.tiles, call.dst.width, call.dst.height);
-    reference.store(&map, &call.dst, &tiles, |x, y, channel| (x, y, channel));
-}
-
-/// `max(expm1(c + r) / exposure, 0)`, at most the frame's largest sample, mixed with the noisy colour, and what went
-/// around the network; cropped.
-pub fn output(reference: &mut Reference, call: &Output) {
-    let (residual, log_color) = (reference.map(&call.residual), reference.map(&call.log_color));
-    let stats = reference.buffer(call.stats);
-    let exposure = stats[EXPOSURE];
-    let map = call.converged.map(|map| reference.buffer(map));
-    let frame = &reference.frame;
-    let most = f64::from(f32::MAX);
-    let (blend, end) = (frame.blend, if frame.output_half { LARGEST_HALF } else { most });
-    let (width, height) = (call.width as usize, call.height as usize);
-    let mut out = reference.output.clone();
-    out.resize(3 * width * height, f64::NAN);
-    for (x, y) in tiles::tokens(&reference.tiles(&call.tiles, call.width, call.height), width, height) {
-        if !call.region.contains(x as u32, y as u32) {
-            continue;
-        }
-        let converged = map.map_or(0.0, |map| converged_share(map, call.residual.width / MAP_TILE, x, y));
-        let mark = log_color.token(x, y)[3];
-        for channel in 0..3 {
-            let (c, r) = (log_color.token(x, y)[channel], residual.token(x, y)[channel]);
-            let linear = |log: f64| clamp(log.exp_m1() / exposure, most);
-            let clean = if call.radiance { clamp(r / exposure, most) } else { linear(c + r) };
-            let denoised = clamp(clean, stats[LARGEST + channel]);
-            let mut mixed = (1.0 - blend) * denoised + blend * linear(c);
-            let sample = frame.samples(x, y)[channel];
-            if mark != 0.0 {
-                let own = if sample.is_finite() { light_of(sample) } else { linear(mark.abs() - 1.0) };
-                let is_lamp = mark < 0.0 && sample == f32::INFINITY;
-                mixed = if is_lamp { own } else { mixed + (own - linear(c)).max(0.0) };
+impl Twin for InputColor {
+    /// `log1p(colour * exposure)`, samples mended, reflected into the padding, and a mark where light goes around the
+    /// network.
+    fn compute(&self, reference: &mut Reference) {
+        let stats = reference.buffer(self.stats);
+        let frame = &reference.frame;
+        let mending = Mending::new(frame, stats, reference.buffer(self.tile_stats));
+        let exposure = stats[EXPOSURE];
+        let mut map = Map::zeros(self.dst.width as usize, self.dst.height as usize, self.dst.channels as usize);
+        fill(&mut map, self.width, self.height, |x, y, token| {
+            let (light, way) = mending.pixel(x, y);
+            let exposed = light.map(|channel| channel * exposure);
+            for (to, color) in token.iter_mut().zip(exposed) {
+                *to = color.min(RANGE).ln_1p();
             }
-            let (mixed, own) = (clamp(mixed, end), light_of(sample).min(end));
-            out[3 * (y * width + x) + channel] = match converged {
-                0.0 => mixed,
-                1.0 => own,
-                share => (1.0 - share) * mixed + share * own,
-            };
-        }
+            let exceeds = exposed.iter().any(|&color| color > RANGE);
+            if [Way::Kept, Way::Lamp].contains(&way) || way == Way::AsItIs && exceeds {
+                let samples = frame.samples(x, y);
+                let others = exposed.iter().zip(samples).filter(|(_, sample)| !sample.is_finite());
+                let otherwise = others.map(|(exposed, _)| exposed.min(f64::from(f32::MAX))).fold(0.0, f64::max);
+                token[3] = (1.0 + otherwise.ln_1p()) * if way == Way::Lamp { -1.0 } else { 1.0 };
+            }
+        });
+        let tiles = reference.tiles(&self.tiles, self.dst.width, self.dst.height);
+        reference.store(&map, &self.dst, &tiles, |x, y, channel| (x, y, channel));
     }
-    reference.output = out;
+}
+
+impl Twin for InputAux {
+    /// Albedo, normal, depth and a zero, reflected into the padding.
+    fn compute(&self, reference: &mut Reference) {
+        let depth_scale = reference.buffer(self.depth_scale)[0];
+        let frame = &reference.frame;
+        let mut map = Map::zeros(self.dst.width as usize, self.dst.height as usize, self.dst.channels as usize);
+        fill(&mut map, self.width, self.height, |x, y, token| {
+            token[..7].copy_from_slice(&frame.features(y * self.width as usize + x, depth_scale));
+        });
+        let tiles = reference.tiles(&self.tiles, self.dst.width, self.dst.height);
+        reference.store(&map, &self.dst, &tiles, |x, y, channel| (x, y, channel));
+    }
+}
+
+impl Twin for Output {
+    /// `max(expm1(c + r) / exposure, 0)`, at most the frame's largest sample, mixed with the noisy colour, and what went
+    /// around the network; cropped.
+    fn compute(&self, reference: &mut Reference) {
+        let (residual, log_color) = (reference.map(&self.residual), reference.map(&self.log_color));
+        let stats = reference.buffer(self.stats);
+        let exposure = stats[EXPOSURE];
+        let map = self.converged.map(|map| reference.buffer(map));
+        let frame = &reference.frame;
+        let most = f64::from(f32::MAX);
+        let (blend, end) = (frame.blend, if frame.output_half { LARGEST_HALF } else { most });
+        let (width, height) = (self.width as usize, self.height as usize);
+        let mut out = reference.output.clone();
+        out.resize(3 * width * height, f64::NAN);
+        for (x, y) in tiles::tokens(&reference.tiles(&self.tiles, self.width, self.height), width, height) {
+            if !self.region.contains(x as u32, y as u32) {
+                continue;
+            }
+            let converged = map.map_or(0.0, |map| converged_share(map, self.residual.width / MAP_TILE, x, y));
+            let mark = log_color.token(x, y)[3];
+            for channel in 0..3 {
+                let (c, r) = (log_color.token(x, y)[channel], residual.token(x, y)[channel]);
+                let linear = |log: f64| clamp(log.exp_m1() / exposure, most);
+                let clean = if self.radiance { clamp(r / exposure, most) } else { linear(c + r) };
+                let denoised = clamp(clean, stats[LARGEST + channel]);
+                let mut mixed = (1.0 - blend) * denoised + blend * linear(c);
+                let sample = frame.samples(x, y)[channel];
+                if mark != 0.0 {
+                    let own = if sample.is_finite() { light_of(sample) } else { linear(mark.abs() - 1.0) };
+                    let is_lamp = mark < 0.0 && sample == f32::INFINITY;
+                    mixed = if is_lamp { own } else { mixed + (own - linear(c)).max(0.0) };
+                }
+                let (mixed, own) = (clamp(mixed, end), light_of(sample).min(end));
+                out[3 * (y * width + x) + channel] = match converged {
+                    0.0 => mixed,
+                    1.0 => own,
+                    share => (1.0 - share) * mixed + share * own,
+                };
+            }
+        }
+        reference.output = out;
+    }
 }
 
 /// The caller's share of a pixel: by its distance to the nearest square that is denoised.

@@ -1,21 +1,23 @@
 //! Twins of the kernels that go over a map once ([`crate::kernels::maps`]).
 
-use super::Reference;
 use super::dense::activate;
 use super::map::Map;
 use super::parallel::for_each_row;
 use super::parameters::Parameters;
+use super::{Reference, Twin};
 use crate::kernels::maps::{Depthwise3x3, LayerNorm};
 use crate::kernels::{Activation, BufferId};
 
 /// Added to the variance under the root.
 const EPSILON: f64 = 1e-5;
 
-/// `act(depthwise3x3(src) + bias)`.
-pub fn depthwise3x3(reference: &mut Reference, call: &Depthwise3x3) {
-    let result = reference.depthwise(call);
-    let tiles = reference.tiles(&call.tiles, call.dst.width, call.dst.height);
-    reference.store(&result, &call.dst, &tiles, |x, y, channel| (x, y, channel));
+impl Twin for Depthwise3x3 {
+    /// `act(depthwise3x3(src) + bias)`.
+    fn compute(&self, reference: &mut Reference) {
+        let result = reference.depthwise(self);
+        let tiles = reference.tiles(&self.tiles, self.dst.width, self.dst.height);
+        reference.store(&result, &self.dst, &tiles, |x, y, channel| (x, y, channel));
+    }
 }
 
 impl Reference<'_> {
@@ -46,21 +48,23 @@ impl Reference<'_> {
     }
 }
 
-/// Every token to mean 0 and variance 1 over its channels, then gain and bias.
-pub fn layer_norm(reference: &mut Reference, call: &LayerNorm) {
-    let mut map = reference.map(&call.src);
-    let weights = match reference.parameters(call.weights) {
-        Parameters::Norm(weights) => weights,
-        other => unreachable!("layer_norm is given {other:?}"),
-    };
-    for token in map.values.chunks_exact_mut(map.channels) {
-        normalise(token);
-        for (value, (gain, bias)) in token.iter_mut().zip(weights) {
-            *value = *value * gain + bias;
+impl Twin for LayerNorm {
+    /// Every token to mean 0 and variance 1 over its channels, then gain and bias.
+    fn compute(&self, reference: &mut Reference) {
+        let mut map = reference.map(&self.src);
+        let weights = match reference.parameters(self.weights) {
+            Parameters::Norm(weights) => weights,
+            other => unreachable!("layer_norm is given {other:?}"),
+        };
+        for token in map.values.chunks_exact_mut(map.channels) {
+            normalise(token);
+            for (value, (gain, bias)) in token.iter_mut().zip(weights) {
+                *value = *value * gain + bias;
+            }
         }
+        let tiles = reference.tiles(&self.tiles, self.dst.width, self.dst.height);
+        reference.store(&map, &self.dst, &tiles, |x, y, channel| (x, y, channel));
     }
-    let tiles = reference.tiles(&call.tiles, call.dst.width, call.dst.height);
-    reference.store(&map, &call.dst, &tiles, |x, y, channel| (x, y, channel));
 }
 
 /// A token to mean 0 and variance 1 over its channels.

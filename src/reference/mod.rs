@@ -4,21 +4,19 @@
 //! tensors' own names and layout instead of the packed buffers, and keep every value in f64. So a wrong index, a wrong
 //! packing or a lost digit of the device shows as a difference. Values never written are NaN.
 
-mod attention_block;
-mod aux_projection;
+mod converged;
 mod dense;
 mod expand;
 mod film;
 mod frame_io;
+mod fused;
 mod map;
 mod maps;
 mod matrix;
 mod parallel;
 mod parameters;
 mod predicted;
-mod converged;
 mod samples;
-mod separable;
 mod signals;
 mod stats;
 mod tiles;
@@ -28,7 +26,7 @@ mod window_attention;
 use crate::error::{Error, Result};
 use crate::frame::{Extent, Frame, Plane};
 use crate::kernels::frame_io::Fireflies;
-use crate::kernels::{BufferId, Call, View};
+use crate::kernels::{BufferId, Call, View, for_kernels};
 use crate::net::weights::{Weights, WeightsError};
 use crate::plan::{Buffer, Dispatch, Place, Plan};
 use crate::signals::SignalKind;
@@ -36,6 +34,12 @@ use frame_io::FrameData;
 use map::Map;
 use parameters::Parameters;
 use signals::SignalData;
+
+/// A kernel that can be computed in f64. One of [`Call`]'s that cannot does not compile.
+trait Twin {
+    /// Computes it over the buffers of a plan.
+    fn compute(&self, reference: &mut Reference);
+}
 
 /// Computes a plan in f64.
 #[derive(Debug)]
@@ -167,40 +171,14 @@ impl<'a> Reference<'a> {
 
     /// Runs one kernel over the plan's buffers.
     pub fn run_call(&mut self, call: &Call) {
-        match call {
-            Call::Conv3x3(k) => dense::conv3x3(self, k),
-            Call::Winograd3x3(k) => dense::conv3x3(self, &k.conv),
-            Call::Linear(k) => dense::linear(self, k),
-            Call::Depthwise3x3(k) => maps::depthwise3x3(self, k),
-            Call::Separable3x3(k) => separable::separable3x3(self, k),
-            Call::Unembed(k) => unembed::unembed(self, k),
-            Call::KernelInputs(k) => predicted::kernel_inputs(self, k),
-            Call::PredictKernels(k) => predicted::predict_kernels(self, k),
-            Call::Halve(k) => predicted::halve(self, k),
-            Call::ApplyKernels(k) => predicted::apply_kernels(self, k),
-            Call::MixLevels(k) => predicted::mix_levels(self, k),
-            Call::LayerNorm(k) => maps::layer_norm(self, k),
-            Call::WindowAttention(k) => window_attention::window_attention(self, k),
-            Call::AttentionBlock(k) => attention_block::attention_block(self, k),
-            Call::Expand(k) => expand::expand(self, k),
-            Call::TokenSum(k) => film::token_sum(self, k),
-            Call::FilmVector(k) => film::film_vector(self, k),
-            Call::StatsClear(k) => stats::clear(self, k),
-            Call::StatsHistogram(k) => stats::histogram(self, k),
-            Call::StatsSelect(k) => stats::select(self, k),
-            Call::StatsTiles(k) => stats::tile_stats(self, k),
-            Call::StatsKey(k) => stats::key(self, k),
-            Call::AuxProjection(k) => aux_projection::aux_projection(self, k),
-            Call::InputColor(k) => frame_io::input_color(self, k),
-            Call::InputAux(k) => frame_io::input_aux(self, k),
-            Call::Output(k) => frame_io::output(self, k),
-            Call::InputSignal(k) => signals::input_signal(self, k),
-            Call::OutputSignal(k) => signals::output_signal(self, k),
-            Call::TileNoise(k) => converged::tile_noise(self, k),
-            Call::ConvergedMap(k) => converged::converged_map(self, k),
-            Call::TileList(k) => converged::tile_list(self, k),
-            Call::Fill(k) => converged::fill(self, k),
+        macro_rules! twins {
+            ($($(#[$doc:meta])* $name:ident($module:ident::$kernel:ident),)*) => {
+                match call {
+                    $(Call::$name(kernel) => kernel.compute(self),)*
+                }
+            };
         }
+        for_kernels!(twins);
     }
 
     /// The elements of a buffer: empty if nothing has been written to it yet, or if [`Reference::run`] is past it.

@@ -1,9 +1,9 @@
 //! Twins of the head of predicted kernels ([`crate::kernels::predicted`]).
 
-use super::Reference;
 use super::map::Map;
 use super::parameters::Parameters;
 use super::signals::SignalData;
+use super::{Reference, Twin};
 use crate::kernels::BufferId;
 use crate::kernels::predicted::{ApplyKernels, Halve, KernelInputs, MixLevels, PredictKernels};
 use crate::net::head::{ALBEDO_SIDE, HIDDEN, KERNEL_SIDE, LEAST_ALBEDO, LOWEST_RELIABILITY};
@@ -82,42 +82,45 @@ fn softmax(logits: &[f64]) -> Vec<f64> {
     shares.into_iter().map(|share| share / sum).collect()
 }
 
-/// What kernels are predicted from, and what they read.
-pub fn kernel_inputs(reference: &mut Reference, call: &KernelInputs) {
-    let [early, tokens, albedo, color, residual] =
-        [&call.early, &call.tokens, &call.albedo, &call.color, &call.residual].map(|view| reference.map(view));
-    let weights = kernel_weights(reference, call.weights);
-    let of_tokens: Vec<Vec<f64>> = tokens.values.chunks_exact(tokens.channels).map(|t| weights.tok.apply(t)).collect();
-    let (width, channels) = (early.width, HIDDEN as usize);
-    let mut hidden = Map::zeros(width, early.height, channels);
-    let mut taps = Map::zeros(width, early.height, call.taps.channels as usize);
-    let each = hidden.values.chunks_exact_mut(channels).zip(taps.values.chunks_exact_mut(taps.channels));
-    for (i, (h, tap)) in each.enumerate() {
-        let (x, y) = (i % width, i / width);
-        let (c, r) = (&color.token(x, y)[..3], &residual.token(x, y)[..3]);
-        let guess: Vec<f64> = c.iter().copied().chain(c.iter().zip(r).map(|(c, r)| c + r)).collect();
-        let token = &of_tokens[y / 2 * tokens.width + x / 2][(y % 2 * 2 + x % 2) * channels..][..channels];
-        for ((h, early), (token, guess)) in
-            h.iter_mut().zip(early.token(x, y)).zip(token.iter().zip(weights.guess.apply(&guess)))
-        {
-            let sum = early + token + guess;
-            *h = sum.max(SLOPE * sum);
+impl Twin for KernelInputs {
+    /// What kernels are predicted from, and what they read.
+    fn compute(&self, reference: &mut Reference) {
+        let [early, tokens, albedo, color, residual] =
+            [&self.early, &self.tokens, &self.albedo, &self.color, &self.residual].map(|view| reference.map(view));
+        let weights = kernel_weights(reference, self.weights);
+        let of_tokens: Vec<Vec<f64>> =
+            tokens.values.chunks_exact(tokens.channels).map(|t| weights.tok.apply(t)).collect();
+        let (width, channels) = (early.width, HIDDEN as usize);
+        let mut hidden = Map::zeros(width, early.height, channels);
+        let mut taps = Map::zeros(width, early.height, self.taps.channels as usize);
+        let each = hidden.values.chunks_exact_mut(channels).zip(taps.values.chunks_exact_mut(taps.channels));
+        for (i, (h, tap)) in each.enumerate() {
+            let (x, y) = (i % width, i / width);
+            let (c, r) = (&color.token(x, y)[..3], &residual.token(x, y)[..3]);
+            let guess: Vec<f64> = c.iter().copied().chain(c.iter().zip(r).map(|(c, r)| c + r)).collect();
+            let token = &of_tokens[y / 2 * tokens.width + x / 2][(y % 2 * 2 + x % 2) * channels..][..channels];
+            for ((h, early), (token, guess)) in
+                h.iter_mut().zip(early.token(x, y)).zip(token.iter().zip(weights.guess.apply(&guess)))
+            {
+                let sum = early + token + guess;
+                *h = sum.max(SLOPE * sum);
+            }
+            let raw = weights.full.apply(h)[25];
+            let softplus = raw.max(0.0) + (-raw.abs()).exp().ln_1p();
+            let reliability = (-softplus).max(LOWEST_RELIABILITY).exp();
+            let demodulator = demodulator(albedo.token(x, y));
+            for channel in 0..3 {
+                tap[channel] = reliability * c[channel].exp_m1() / demodulator[channel];
+            }
+            tap[3] = reliability;
         }
-        let raw = weights.full.apply(h)[25];
-        let softplus = raw.max(0.0) + (-raw.abs()).exp().ln_1p();
-        let reliability = (-softplus).max(LOWEST_RELIABILITY).exp();
-        let demodulator = demodulator(albedo.token(x, y));
-        for channel in 0..3 {
-            tap[channel] = reliability * c[channel].exp_m1() / demodulator[channel];
+        let tiles = reference.tiles(&self.tiles, self.tokens.width, self.tokens.height);
+        for (map, view) in [(hidden, &self.dst), (taps, &self.taps)] {
+            let channels = map.channels;
+            reference.store(&by_tokens(&map), view, &tiles, |x, y, c| {
+                (2 * x + c / channels % 2, 2 * y + c / channels / 2, c % channels)
+            });
         }
-        tap[3] = reliability;
-    }
-    let tiles = reference.tiles(&call.tiles, call.tokens.width, call.tokens.height);
-    for (map, view) in [(hidden, &call.dst), (taps, &call.taps)] {
-        let channels = map.channels;
-        reference.store(&by_tokens(&map), view, &tiles, |x, y, c| {
-            (2 * x + c / channels % 2, 2 * y + c / channels / 2, c % channels)
-        });
     }
 }
 
@@ -128,30 +131,32 @@ fn kernel_weights<'a>(reference: &'a Reference, id: BufferId) -> &'a KernelWeigh
     }
 }
 
-/// Kernels of every pixel, predicted and applied.
-pub fn predict_kernels(reference: &mut Reference, call: &PredictKernels) {
-    let [hidden, taps, albedo] = [&call.hidden, &call.taps, &call.albedo].map(|view| reference.map(view));
-    let weights = kernel_weights(reference, call.weights);
-    let (width, height, channels) = (hidden.width, hidden.height, call.dst.channels as usize);
-    let mut result = Map::zeros(width, height, channels);
-    let after = channels - 8;
-    for (i, out) in result.values.chunks_exact_mut(channels).enumerate() {
-        let at = (i % width, i / width);
-        let h = hidden.token(at.0, at.1);
-        let (outputs, more) = (weights.full.apply(h), weights.more.apply(h));
-        let read = |x: usize, y: usize| tap(taps.token(x, y));
-        let image = mean(&outputs[..25], KERNEL_SIDE, at, (width, height), read).unwrap_or_default();
-        let read = |x: usize, y: usize| (demodulator(albedo.token(x, y)), 1.0);
-        let albedo = mean(&outputs[30..], ALBEDO_SIDE, at, (width, height), read).unwrap_or_default();
-        let shares = softmax(&[&outputs[26..29], &more[..]].concat());
-        out[..3].copy_from_slice(&image.map(|value| value * shares[0]));
-        out[3] = shares[0];
-        out[after..after + 3].copy_from_slice(&albedo);
-        out[after + 3] = 1.0 / (1.0 + (-outputs[29]).exp());
-        out[after + 4..after + 3 + shares.len()].copy_from_slice(&shares[1..]);
+impl Twin for PredictKernels {
+    /// Kernels of every pixel, predicted and applied.
+    fn compute(&self, reference: &mut Reference) {
+        let [hidden, taps, albedo] = [&self.hidden, &self.taps, &self.albedo].map(|view| reference.map(view));
+        let weights = kernel_weights(reference, self.weights);
+        let (width, height, channels) = (hidden.width, hidden.height, self.dst.channels as usize);
+        let mut result = Map::zeros(width, height, channels);
+        let after = channels - 8;
+        for (i, out) in result.values.chunks_exact_mut(channels).enumerate() {
+            let at = (i % width, i / width);
+            let h = hidden.token(at.0, at.1);
+            let (outputs, more) = (weights.full.apply(h), weights.more.apply(h));
+            let read = |x: usize, y: usize| tap(taps.token(x, y));
+            let image = mean(&outputs[..25], KERNEL_SIDE, at, (width, height), read).unwrap_or_default();
+            let read = |x: usize, y: usize| (demodulator(albedo.token(x, y)), 1.0);
+            let albedo = mean(&outputs[30..], ALBEDO_SIDE, at, (width, height), read).unwrap_or_default();
+            let shares = softmax(&[&outputs[26..29], &more[..]].concat());
+            out[..3].copy_from_slice(&image.map(|value| value * shares[0]));
+            out[3] = shares[0];
+            out[after..after + 3].copy_from_slice(&albedo);
+            out[after + 3] = 1.0 / (1.0 + (-outputs[29]).exp());
+            out[after + 4..after + 3 + shares.len()].copy_from_slice(&shares[1..]);
+        }
+        let tiles = reference.tiles(&self.tiles, self.dst.width, self.dst.height);
+        reference.store(&result, &self.dst, &tiles, |x, y, channel| (x, y, channel));
     }
-    let tiles = reference.tiles(&call.tiles, call.dst.width, call.dst.height);
-    reference.store(&result, &call.dst, &tiles, |x, y, channel| (x, y, channel));
 }
 
 /// A value and its weight, of their product and the weight.
@@ -169,70 +174,76 @@ fn by_tokens(pixels: &Map) -> Map {
     tokens
 }
 
-/// The mean of 2x2 tokens.
-pub fn halve(reference: &mut Reference, call: &Halve) {
-    let src = reference.map(&call.src);
-    let mut result = Map::zeros(src.width / 2, src.height / 2, src.channels);
-    for (y, x) in (0..src.height).flat_map(|y| (0..src.width).map(move |x| (y, x))) {
-        let at = (y / 2 * result.width + x / 2) * src.channels;
-        for (sum, value) in result.values[at..].iter_mut().zip(src.token(x, y)) {
-            *sum += 0.25 * value;
-        }
-    }
-    let tiles = reference.tiles(&call.tiles, call.dst.width, call.dst.height);
-    reference.store(&result, &call.dst, &tiles, |x, y, channel| (x, y, channel));
-}
-
-/// Kernels of every token over images.
-pub fn apply_kernels(reference: &mut Reference, call: &ApplyKernels) {
-    let (logits, sums) = (reference.map(&call.logits), reference.map(&call.sums));
-    let mut result = Map::zeros(sums.width, sums.height, sums.channels);
-    let size = (sums.width, sums.height);
-    for (i, out) in result.values.chunks_exact_mut(sums.channels).enumerate() {
-        let at = (i % size.0, i / size.0);
-        for (image, out) in out.chunks_exact_mut(4).enumerate() {
-            let read = |x: usize, y: usize| tap(&sums.token(x, y)[4 * image..][..4]);
-            if let Some(mean) = mean(&logits.token(at.0, at.1)[..25], KERNEL_SIDE, at, size, read) {
-                out[..3].copy_from_slice(&mean);
-                out[3] = 1.0;
+impl Twin for Halve {
+    /// The mean of 2x2 tokens.
+    fn compute(&self, reference: &mut Reference) {
+        let src = reference.map(&self.src);
+        let mut result = Map::zeros(src.width / 2, src.height / 2, src.channels);
+        for (y, x) in (0..src.height).flat_map(|y| (0..src.width).map(move |x| (y, x))) {
+            let at = (y / 2 * result.width + x / 2) * src.channels;
+            for (sum, value) in result.values[at..].iter_mut().zip(src.token(x, y)) {
+                *sum += 0.25 * value;
             }
         }
+        let tiles = reference.tiles(&self.tiles, self.dst.width, self.dst.height);
+        reference.store(&result, &self.dst, &tiles, |x, y, channel| (x, y, channel));
     }
-    let tiles = reference.tiles(&call.tiles, call.dst.width, call.dst.height);
-    reference.store(&result, &call.dst, &tiles, |x, y, channel| (x, y, channel));
 }
 
-/// The levels to one picture.
-pub fn mix_levels(reference: &mut Reference, call: &MixLevels) {
-    let pixels = reference.map(&call.pixels);
-    let levels: Vec<Map> = call.levels.iter().map(|level| reference.map(level)).collect();
-    let direct = call.direct.map(|(color, residual)| [reference.map(&color), reference.map(&residual)]);
-    let mut result = Map::zeros(pixels.width, pixels.height, call.dst.channels as usize);
-    let (width, channels) = (result.width, result.channels);
-    let has_albedo = !call.of_signal || reference.frame.signal.as_ref().is_some_and(SignalData::is_light);
-    for (i, out) in result.values.chunks_exact_mut(channels).enumerate() {
-        let (x, y) = (i % width, i / width);
-        let own = pixels.token(x, y);
-        let (images, extra) = own.split_at(channels);
-        for (image, out) in out.chunks_exact_mut(4).enumerate() {
-            let mut mixed = images[4 * image..][..4].to_vec();
-            for (level, share) in levels.iter().zip(&extra[4..]) {
-                let enlarged = enlarged(level, width / level.width, (x, y));
-                mixed.iter_mut().zip(&enlarged[4 * image..]).for_each(|(mixed, value)| *mixed += share * value);
-            }
-            for channel in 0..3 {
-                let albedo = if has_albedo { extra[channel] } else { 1.0 };
-                out[channel] = mixed[channel] / mixed[3] * albedo;
-                if let (Some([color, residual]), 0) = (&direct, image) {
-                    let direct = color.token(x, y)[channel] + residual.token(x, y)[channel];
-                    let averaged = out[channel].max(0.0).ln_1p();
-                    out[channel] = (direct + extra[3] * (averaged - direct)).exp_m1();
+impl Twin for ApplyKernels {
+    /// Kernels of every token over images.
+    fn compute(&self, reference: &mut Reference) {
+        let (logits, sums) = (reference.map(&self.logits), reference.map(&self.sums));
+        let mut result = Map::zeros(sums.width, sums.height, sums.channels);
+        let size = (sums.width, sums.height);
+        for (i, out) in result.values.chunks_exact_mut(sums.channels).enumerate() {
+            let at = (i % size.0, i / size.0);
+            for (image, out) in out.chunks_exact_mut(4).enumerate() {
+                let read = |x: usize, y: usize| tap(&sums.token(x, y)[4 * image..][..4]);
+                if let Some(mean) = mean(&logits.token(at.0, at.1)[..25], KERNEL_SIDE, at, size, read) {
+                    out[..3].copy_from_slice(&mean);
+                    out[3] = 1.0;
                 }
             }
         }
+        let tiles = reference.tiles(&self.tiles, self.dst.width, self.dst.height);
+        reference.store(&result, &self.dst, &tiles, |x, y, channel| (x, y, channel));
     }
-    let tiles = reference.tiles(&call.tiles, call.dst.width, call.dst.height);
-    reference.store(&result, &call.dst, &tiles, |x, y, channel| (x, y, channel));
+}
+
+impl Twin for MixLevels {
+    /// The levels to one picture.
+    fn compute(&self, reference: &mut Reference) {
+        let pixels = reference.map(&self.pixels);
+        let levels: Vec<Map> = self.levels.iter().map(|level| reference.map(level)).collect();
+        let direct = self.direct.map(|(color, residual)| [reference.map(&color), reference.map(&residual)]);
+        let mut result = Map::zeros(pixels.width, pixels.height, self.dst.channels as usize);
+        let (width, channels) = (result.width, result.channels);
+        let has_albedo = !self.of_signal || reference.frame.signal.as_ref().is_some_and(SignalData::is_light);
+        for (i, out) in result.values.chunks_exact_mut(channels).enumerate() {
+            let (x, y) = (i % width, i / width);
+            let own = pixels.token(x, y);
+            let (images, extra) = own.split_at(channels);
+            for (image, out) in out.chunks_exact_mut(4).enumerate() {
+                let mut mixed = images[4 * image..][..4].to_vec();
+                for (level, share) in levels.iter().zip(&extra[4..]) {
+                    let enlarged = enlarged(level, width / level.width, (x, y));
+                    mixed.iter_mut().zip(&enlarged[4 * image..]).for_each(|(mixed, value)| *mixed += share * value);
+                }
+                for channel in 0..3 {
+                    let albedo = if has_albedo { extra[channel] } else { 1.0 };
+                    out[channel] = mixed[channel] / mixed[3] * albedo;
+                    if let (Some([color, residual]), 0) = (&direct, image) {
+                        let direct = color.token(x, y)[channel] + residual.token(x, y)[channel];
+                        let averaged = out[channel].max(0.0).ln_1p();
+                        out[channel] = (direct + extra[3] * (averaged - direct)).exp_m1();
+                    }
+                }
+            }
+        }
+        let tiles = reference.tiles(&self.tiles, self.dst.width, self.dst.height);
+        reference.store(&result, &self.dst, &tiles, |x, y, channel| (x, y, channel));
+    }
 }
 
 /// A level's channels at a pixel, bilinearly between the middles of its tokens of `side` pixels.

@@ -1,11 +1,11 @@
 //! Twins of the kernels for signals beside the colour ([`crate::kernels::signals`]).
 
-use super::Reference;
-use super::frame_io::{LARGEST_HALF, RANGE, clamp, fill, converged_share};
+use super::frame_io::{LARGEST_HALF, RANGE, clamp, converged_share, fill};
 use super::map::Map;
 use super::predicted::demodulator;
 use super::samples::{Mending, Way, light_of};
 use super::tiles;
+use super::{Reference, Twin};
 use crate::kernels::converged::MAP_TILE;
 use crate::kernels::signals::{InputSignal, OutputSignal};
 use crate::kernels::stats::{EXPOSURE, LARGEST};
@@ -78,82 +78,87 @@ fn part(mending: &Mending, signal: &SignalData, exposure: f64, (x, y): (usize, u
     })
 }
 
-/// A signal to what predicted kernels read, and what goes around them.
-pub fn input_signal(reference: &mut Reference, call: &InputSignal) {
-    let (taps, albedo) = (reference.map(&call.taps), reference.map(&call.albedo));
-    let (stats, frame) = (reference.buffer(call.stats), &reference.frame);
-    let Some(signal) = &frame.signal else { return };
-    let mending = Mending::new(frame, stats, reference.buffer(call.tile_stats));
-    let (exposure, blend) = (stats[EXPOSURE], frame.blend);
-    let width = call.width as usize;
-    let mut map = Map::zeros(call.dst.width as usize, call.dst.height as usize, call.dst.channels as usize);
-    fill(&mut map, call.width, call.height, |x, y, token| {
-        let given = match signal.kind {
-            SignalKind::Light => part(&mending, signal, exposure, (x, y)),
-            _ => [0, 1, 2].map(|c| {
-                let sample = |x, y| Some(signal.samples(y * width + x)[c]).filter(|s| s.is_finite()).map(f64::from);
-                let own = sample(x, y).map(|own| [own, 0.0]);
-                (
-                    own.or_else(|| mending.ring(x, y, |x, y| sample(x, y).map(|s| [s, 0.0]))).unwrap_or_default()[0],
-                    Some(0.0),
-                )
-            }),
-        };
-        let infinite = || mending.infinite(x, y).0 * exposure;
-        for (c, (given, beyond)) in given.into_iter().enumerate() {
-            token[c] = given;
-            token[4 + c] = beyond.map_or_else(infinite, |beyond| blend * given + beyond);
-            token[7] += f64::from(u32::from(beyond.is_none()) << c);
+impl Twin for InputSignal {
+    /// A signal to what predicted kernels read, and what goes around them.
+    fn compute(&self, reference: &mut Reference) {
+        let (taps, albedo) = (reference.map(&self.taps), reference.map(&self.albedo));
+        let (stats, frame) = (reference.buffer(self.stats), &reference.frame);
+        let Some(signal) = &frame.signal else { return };
+        let mending = Mending::new(frame, stats, reference.buffer(self.tile_stats));
+        let (exposure, blend) = (stats[EXPOSURE], frame.blend);
+        let width = self.width as usize;
+        let mut map = Map::zeros(self.dst.width as usize, self.dst.height as usize, self.dst.channels as usize);
+        fill(&mut map, self.width, self.height, |x, y, token| {
+            let given = match signal.kind {
+                SignalKind::Light => part(&mending, signal, exposure, (x, y)),
+                _ => [0, 1, 2].map(|c| {
+                    let sample = |x, y| Some(signal.samples(y * width + x)[c]).filter(|s| s.is_finite()).map(f64::from);
+                    let own = sample(x, y).map(|own| [own, 0.0]);
+                    (
+                        own.or_else(|| mending.ring(x, y, |x, y| sample(x, y).map(|s| [s, 0.0]))).unwrap_or_default()
+                            [0],
+                        Some(0.0),
+                    )
+                }),
+            };
+            let infinite = || mending.infinite(x, y).0 * exposure;
+            for (c, (given, beyond)) in given.into_iter().enumerate() {
+                token[c] = given;
+                token[4 + c] = beyond.map_or_else(infinite, |beyond| blend * given + beyond);
+                token[7] += f64::from(u32::from(beyond.is_none()) << c);
+            }
+        });
+        for (i, token) in map.values.chunks_exact_mut(map.channels).enumerate() {
+            let at = (i % taps.width, i / taps.width);
+            let divisor = match signal.kind {
+                SignalKind::Light => demodulator(albedo.token(at.0, at.1)),
+                _ => [1.0; 3],
+            };
+            token[3] = taps.token(at.0, at.1)[3];
+            for c in 0..3 {
+                token[c] *= token[3] / divisor[c];
+            }
         }
-    });
-    for (i, token) in map.values.chunks_exact_mut(map.channels).enumerate() {
-        let at = (i % taps.width, i / taps.width);
-        let divisor = match signal.kind {
-            SignalKind::Light => demodulator(albedo.token(at.0, at.1)),
-            _ => [1.0; 3],
-        };
-        token[3] = taps.token(at.0, at.1)[3];
-        for c in 0..3 {
-            token[c] *= token[3] / divisor[c];
-        }
+        let tiles = reference.tiles(&self.tiles, self.dst.width, self.dst.height);
+        reference.store(&map, &self.dst, &tiles, |x, y, channel| (x, y, channel));
     }
-    let tiles = reference.tiles(&call.tiles, call.dst.width, call.dst.height);
-    reference.store(&map, &call.dst, &tiles, |x, y, channel| (x, y, channel));
 }
 
-/// A filtered signal to its plane.
-pub fn output_signal(reference: &mut Reference, call: &OutputSignal) {
-    let [filtered, color, input] = [&call.filtered, &call.color, &call.input].map(|view| reference.map(view));
-    let stats = reference.buffer(call.stats);
-    let map = call.converged.map(|map| reference.buffer(map));
-    let frame = &reference.frame;
-    let Some(mut signal) = frame.signal.clone() else { return };
-    let inverse = if signal.is_light() { 1.0 / stats[EXPOSURE] } else { 1.0 };
-    let most = f64::from(f32::MAX);
-    let (blend, end) = (frame.blend, if frame.output_half { LARGEST_HALF } else { most });
-    let (width, height) = (call.width as usize, call.height as usize);
-    signal.output.resize(signal.channels * width * height, f64::NAN);
-    for (x, y) in tiles::tokens(&reference.tiles(&call.tiles, call.width, call.height), width, height) {
-        if !call.region.contains(x as u32, y as u32) {
-            continue;
+impl Twin for OutputSignal {
+    /// A filtered signal to its plane.
+    fn compute(&self, reference: &mut Reference) {
+        let [filtered, color, input] = [&self.filtered, &self.color, &self.input].map(|view| reference.map(view));
+        let stats = reference.buffer(self.stats);
+        let map = self.converged.map(|map| reference.buffer(map));
+        let frame = &reference.frame;
+        let Some(mut signal) = frame.signal.clone() else { return };
+        let inverse = if signal.is_light() { 1.0 / stats[EXPOSURE] } else { 1.0 };
+        let most = f64::from(f32::MAX);
+        let (blend, end) = (frame.blend, if frame.output_half { LARGEST_HALF } else { most });
+        let (width, height) = (self.width as usize, self.height as usize);
+        signal.output.resize(signal.channels * width * height, f64::NAN);
+        for (x, y) in tiles::tokens(&reference.tiles(&self.tiles, self.width, self.height), width, height) {
+            if !self.region.contains(x as u32, y as u32) {
+                continue;
+            }
+            let converged = map.map_or(0.0, |map| converged_share(map, self.filtered.width / MAP_TILE, x, y));
+            let direct = input.token(x, y);
+            for c in 0..signal.channels {
+                let (clean, largest) = (clamp(color.token(x, y)[c] * inverse, most), stats[LARGEST + c]);
+                let cut = if signal.is_light() && clean > largest { largest / clean } else { 1.0 };
+                let alone = direct[7] as u32 >> c & 1 == 1;
+                let kernels = if alone { 0.0 } else { (1.0 - blend) * filtered.token(x, y)[c] * inverse * cut };
+                let denoised = (kernels + direct[4 + c] * inverse).clamp(-end, end);
+                let own = Some(signal.samples(y * width + x)[c]).filter(|own| own.is_finite()).map_or(0.0, f64::from);
+                let mixed = match converged {
+                    0.0 => denoised,
+                    1.0 => own.clamp(-end, end),
+                    share => (1.0 - share) * denoised + share * own.clamp(-end, end),
+                };
+                let result = if signal.kind == SignalKind::Alpha { mixed.clamp(0.0, 1.0) } else { mixed };
+                signal.output[(y * width + x) * signal.channels + c] = result;
+            }
         }
-        let converged = map.map_or(0.0, |map| converged_share(map, call.filtered.width / MAP_TILE, x, y));
-        let direct = input.token(x, y);
-        for c in 0..signal.channels {
-            let (clean, largest) = (clamp(color.token(x, y)[c] * inverse, most), stats[LARGEST + c]);
-            let cut = if signal.is_light() && clean > largest { largest / clean } else { 1.0 };
-            let alone = direct[7] as u32 >> c & 1 == 1;
-            let kernels = if alone { 0.0 } else { (1.0 - blend) * filtered.token(x, y)[c] * inverse * cut };
-            let denoised = (kernels + direct[4 + c] * inverse).clamp(-end, end);
-            let own = Some(signal.samples(y * width + x)[c]).filter(|own| own.is_finite()).map_or(0.0, f64::from);
-            let mixed = match converged {
-                0.0 => denoised,
-                1.0 => own.clamp(-end, end),
-                share => (1.0 - share) * denoised + share * own.clamp(-end, end),
-            };
-            let result = if signal.kind == SignalKind::Alpha { mixed.clamp(0.0, 1.0) } else { mixed };
-            signal.output[(y * width + x) * signal.channels + c] = result;
-        }
+        reference.frame.signal = Some(signal);
     }
-    reference.frame.signal = Some(signal);
 }

@@ -2,10 +2,10 @@
 //!
 //! Pixels are sorted into bins by their bits, so luminances are 32-bit floats here as they are on the device.
 
-use super::Reference;
 use super::frame_io::FrameData;
 use super::samples::{brightest_around, is_absurd, is_absurdly_bright, light_of};
 use super::tiles;
+use super::{Reference, Twin};
 use crate::kernels::stats::{
     BINS, Clear, Counted, EXPOSURE, Histogram, KEY, Key, LARGEST, MEDIAN, NOISE, RUN_FLOATS, RUN_TILES, Select,
     TILE_WORDS, TileStats,
@@ -21,60 +21,68 @@ const FLOOR: f64 = 1.0 / 1024.0;
 /// A lit pixel is noisy that differs from the mean of those beside it by more than this share of what the three have.
 const NOISY: f32 = 0.08;
 
-/// Zeroes a histogram.
-pub fn clear(reference: &mut Reference, call: &Clear) {
-    reference.set_buffer(call.histogram, &vec![0.0; BINS as usize]);
-}
-
-/// Counts luminances above 0, or valid depths.
-pub fn histogram(reference: &mut Reference, call: &Histogram) {
-    let mut bins = reference.buffer(call.histogram).to_vec();
-    for i in 0..call.width as usize * call.height as usize {
-        let frame = &reference.frame;
-        let bin = match call.counted {
-            Counted::Luminance => frame.luminance(i).filter(|&l| l > 0.0).map(|luminance| LUMINANCE.bin(luminance)),
-            Counted::Depth => frame.depth(i).map(|depth| DEPTH.bin(depth)),
-        };
-        if let Some(bin) = bin {
-            bins[bin] += 1.0;
-        }
+impl Twin for Clear {
+    /// Zeroes a histogram.
+    fn compute(&self, reference: &mut Reference) {
+        reference.set_buffer(self.histogram, &vec![0.0; BINS as usize]);
     }
-    reference.set_buffer(call.histogram, &bins);
 }
 
-/// Median luminance or depth scale.
-pub fn select(reference: &mut Reference, call: &Select) {
-    let bins = reference.buffer(call.histogram);
-    let value = match call.counted {
-        Counted::Luminance => quantile(bins, LUMINANCE, |count| (count - 1) / 2).unwrap_or(0.0),
-        Counted::Depth => quantile(bins, DEPTH, |count| (count - 1) * 999 / 1000).unwrap_or(1.0),
-    };
-    reference.set_buffer(call.dst, &[value]);
+impl Twin for Histogram {
+    /// Counts luminances above 0, or valid depths.
+    fn compute(&self, reference: &mut Reference) {
+        let mut bins = reference.buffer(self.histogram).to_vec();
+        for i in 0..self.width as usize * self.height as usize {
+            let frame = &reference.frame;
+            let bin = match self.counted {
+                Counted::Luminance => frame.luminance(i).filter(|&l| l > 0.0).map(|luminance| LUMINANCE.bin(luminance)),
+                Counted::Depth => frame.depth(i).map(|depth| DEPTH.bin(depth)),
+            };
+            if let Some(bin) = bin {
+                bins[bin] += 1.0;
+            }
+        }
+        reference.set_buffer(self.histogram, &bins);
+    }
 }
 
-/// Light and noise of every tile and of every run of tiles.
-pub fn tile_stats(reference: &mut Reference, call: &TileStats) {
-    let median = reference.buffer(call.stats)[MEDIAN];
-    let (width, height) = (call.width as usize, call.height as usize);
-    let tiles: Vec<Tile> = tiles::all(call.width, call.height)
-        .chunks(1)
-        .map(|tile| Tile::of(&reference.frame, &tiles::tokens(tile, width, height).collect::<Vec<_>>(), median))
-        .collect();
-    let words = tiles.iter().flat_map(|tile| {
-        let [r, g, b] = tile.mean.map(|mean| mean.unwrap_or(f64::NAN));
-        [r, g, b, f64::from(tile.lit | tile.noisy << 16)]
-    });
-    let words: Vec<f64> = words.collect();
-    let runs = tiles.chunks(RUN_TILES as usize).flat_map(|run| {
-        let logs = || run.iter().filter_map(|tile| tile.log);
-        let count = |of: fn(&Tile) -> u32| f64::from(run.iter().map(of).sum::<u32>());
-        let [r, g, b] = [0, 1, 2].map(|c| run.iter().map(|tile| tile.largest[c]).fold(0.0, f64::max));
-        let gaps = count(|tile| u32::from(tile.mean.contains(&None)));
-        [logs().sum(), logs().count() as f64, count(|tile| tile.noisy), count(|tile| tile.lit), r, g, b, gaps]
-    });
-    let runs: Vec<f64> = runs.collect();
-    reference.set_buffer(call.dst, &words);
-    reference.set_buffer(call.runs, &runs);
+impl Twin for Select {
+    /// Median luminance or depth scale.
+    fn compute(&self, reference: &mut Reference) {
+        let bins = reference.buffer(self.histogram);
+        let value = match self.counted {
+            Counted::Luminance => quantile(bins, LUMINANCE, |count| (count - 1) / 2).unwrap_or(0.0),
+            Counted::Depth => quantile(bins, DEPTH, |count| (count - 1) * 999 / 1000).unwrap_or(1.0),
+        };
+        reference.set_buffer(self.dst, &[value]);
+    }
+}
+
+impl Twin for TileStats {
+    /// Light and noise of every tile and of every run of tiles.
+    fn compute(&self, reference: &mut Reference) {
+        let median = reference.buffer(self.stats)[MEDIAN];
+        let (width, height) = (self.width as usize, self.height as usize);
+        let tiles: Vec<Tile> = tiles::all(self.width, self.height)
+            .chunks(1)
+            .map(|tile| Tile::of(&reference.frame, &tiles::tokens(tile, width, height).collect::<Vec<_>>(), median))
+            .collect();
+        let words = tiles.iter().flat_map(|tile| {
+            let [r, g, b] = tile.mean.map(|mean| mean.unwrap_or(f64::NAN));
+            [r, g, b, f64::from(tile.lit | tile.noisy << 16)]
+        });
+        let words: Vec<f64> = words.collect();
+        let runs = tiles.chunks(RUN_TILES as usize).flat_map(|run| {
+            let logs = || run.iter().filter_map(|tile| tile.log);
+            let count = |of: fn(&Tile) -> u32| f64::from(run.iter().map(of).sum::<u32>());
+            let [r, g, b] = [0, 1, 2].map(|c| run.iter().map(|tile| tile.largest[c]).fold(0.0, f64::max));
+            let gaps = count(|tile| u32::from(tile.mean.contains(&None)));
+            [logs().sum(), logs().count() as f64, count(|tile| tile.noisy), count(|tile| tile.lit), r, g, b, gaps]
+        });
+        let runs: Vec<f64> = runs.collect();
+        reference.set_buffer(self.dst, &words);
+        reference.set_buffer(self.runs, &runs);
+    }
 }
 
 /// What is known of a tile.
@@ -132,24 +140,26 @@ impl Tile {
     }
 }
 
-/// Key, exposure, noise and largest samples; means of the tiles that have none.
-pub fn key(reference: &mut Reference, call: &Key) {
-    let runs = reference.buffer(call.runs).chunks_exact(RUN_FLOATS as usize);
-    let runs: Vec<&[f64]> = runs.take(call.tiles.div_ceil(RUN_TILES) as usize).collect();
-    let sum = |at: usize| runs.iter().map(|run| run[at]).sum::<f64>();
-    let lit_tiles = sum(1);
-    let key = if lit_tiles > 0.0 {
-        (reference.buffer(call.stats)[MEDIAN] * (sum(0) / lit_tiles).exp2()).clamp(KEYS[0], KEYS[1])
-    } else {
-        MIDDLE_GREY
-    };
-    let noise = if sum(3) > 0.0 { sum(2) / sum(3) } else { 1.0 };
-    let largest = [4, 5, 6].map(|at| runs.iter().map(|run| run[at]).fold(0.0, f64::max));
-    let exposure = reference.frame.exposure.unwrap_or(MIDDLE_GREY / key);
-    let stats = reference.buffer_mut(call.stats);
-    (stats[KEY], stats[EXPOSURE], stats[NOISE]) = (key, exposure, noise);
-    stats[LARGEST..LARGEST + 3].copy_from_slice(&largest);
-    fill_gaps(reference.buffer_mut(call.tile_stats), call.columns as usize, call.tiles as usize);
+impl Twin for Key {
+    /// Key, exposure, noise and largest samples; means of the tiles that have none.
+    fn compute(&self, reference: &mut Reference) {
+        let runs = reference.buffer(self.runs).chunks_exact(RUN_FLOATS as usize);
+        let runs: Vec<&[f64]> = runs.take(self.tiles.div_ceil(RUN_TILES) as usize).collect();
+        let sum = |at: usize| runs.iter().map(|run| run[at]).sum::<f64>();
+        let lit_tiles = sum(1);
+        let key = if lit_tiles > 0.0 {
+            (reference.buffer(self.stats)[MEDIAN] * (sum(0) / lit_tiles).exp2()).clamp(KEYS[0], KEYS[1])
+        } else {
+            MIDDLE_GREY
+        };
+        let noise = if sum(3) > 0.0 { sum(2) / sum(3) } else { 1.0 };
+        let largest = [4, 5, 6].map(|at| runs.iter().map(|run| run[at]).fold(0.0, f64::max));
+        let exposure = reference.frame.exposure.unwrap_or(MIDDLE_GREY / key);
+        let stats = reference.buffer_mut(self.stats);
+        (stats[KEY], stats[EXPOSURE], stats[NOISE]) = (key, exposure, noise);
+        stats[LARGEST..LARGEST + 3].copy_from_slice(&largest);
+        fill_gaps(reference.buffer_mut(self.tile_stats), self.columns as usize, self.tiles as usize);
+    }
 }
 
 /// From the tiles that have means outwards, ring by ring.

@@ -1,20 +1,22 @@
 //! Twin of joint window attention ([`crate::kernels::window_attention`]).
 
-use super::Reference;
 use super::map::Map;
 use super::parallel::for_each_row;
 use super::parameters::Parameters;
-use crate::kernels::{BufferId, TILE};
+use super::{Reference, Twin};
 use crate::kernels::window_attention::WindowAttention;
+use crate::kernels::{BufferId, TILE};
 
 const SIDE: usize = TILE as usize;
 
-/// Head by head `softmax((Q K^T / sqrt(d) + B) * (Qf Kf^T / sqrt(d) + B)) V`.
-pub fn window_attention(reference: &mut Reference, call: &WindowAttention) {
-    let (x, f) = (reference.map(&call.x), reference.map(&call.f));
-    let result = reference.attended(&x, &f, call.bias, (call.key_width as usize, call.value_width as usize));
-    let tiles = reference.tiles(&call.tiles, call.dst.width, call.dst.height);
-    reference.store(&result, &call.dst, &tiles, |x, y, channel| (x, y, channel));
+impl Twin for WindowAttention {
+    /// Head by head `softmax((Q K^T / sqrt(d) + B) * (Qf Kf^T / sqrt(d) + B)) V`.
+    fn compute(&self, reference: &mut Reference) {
+        let (x, f) = (reference.map(&self.x), reference.map(&self.f));
+        let result = reference.attended(&x, &f, self.bias, (self.key_width as usize, self.value_width as usize));
+        let tiles = reference.tiles(&self.tiles, self.dst.width, self.dst.height);
+        reference.store(&result, &self.dst, &tiles, |x, y, channel| (x, y, channel));
+    }
 }
 
 impl Reference<'_> {

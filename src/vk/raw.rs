@@ -7,9 +7,10 @@ use ash::{khr, vk};
 use std::ffi::{CStr, c_void};
 use std::mem;
 
-/// A renderer's device as numbers, as C, Python and other bindings of Vulkan give its handles out.
+/// A renderer's device as numbers, as C, Python and other bindings of Vulkan give its handles out: [`RawDevice::new`].
 /// [`RendererDevice::from_raw`] makes of it what [`crate::Device::from_renderer`] takes.
 #[derive(Clone, Copy, Debug)]
+#[non_exhaustive]
 pub struct RawDevice {
     /// `vkGetInstanceProcAddr` of the loader that made the instance. Every other function is found by it.
     pub get_instance_proc_addr: *const c_void,
@@ -23,6 +24,22 @@ pub struct RawDevice {
     pub queue_family: u32,
     /// What of the optional features was enabled when the device was made.
     pub enabled: EnabledFeatures,
+    /// The `VkQueue` of [`RendererDevice::upload_queue`]; 0: none.
+    pub upload_queue: u64,
+}
+
+impl RawDevice {
+    /// A device without optional features and without a queue; the fields say what else there is.
+    pub fn new(
+        get_instance_proc_addr: *const c_void,
+        instance: u64,
+        physical_device: u64,
+        device: u64,
+        queue_family: u32,
+    ) -> Self {
+        let enabled = EnabledFeatures::default();
+        Self { get_instance_proc_addr, instance, physical_device, device, queue_family, enabled, upload_queue: 0 }
+    }
 }
 
 /// Optional features that a renderer enabled on its device. What is `false` is not used, whether it was enabled or not.
@@ -51,7 +68,7 @@ impl RendererDevice {
     /// find the functions of Vulkan 1.2 (an instance made for less, or no instance of that loader).
     ///
     /// # Safety
-    /// The handles are valid and belong together, and `get_instance_proc_addr` is the `vkGetInstanceProcAddr` of the
+    /// The handles are valid and belong together, `upload_queue` too where there is one, and `get_instance_proc_addr` is the `vkGetInstanceProcAddr` of the
     /// loader that made the instance.
     pub unsafe fn from_raw(raw: &RawDevice) -> Result<Self> {
         let null =
@@ -108,6 +125,7 @@ impl RendererDevice {
             host_query_reset,
             cooperative_matrix: matrices,
             debug_utils,
+            upload_queue: (raw.upload_queue != 0).then(|| vk::Queue::from_raw(raw.upload_queue)),
             ..Self::new(instance, physical_device, device, raw.queue_family)
         })
     }

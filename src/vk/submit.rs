@@ -4,7 +4,7 @@ use super::Checked;
 use super::device::Device;
 use crate::error::{Error, Result};
 use ash::vk;
-use std::sync::PoisonError;
+use std::sync::{Mutex, PoisonError};
 
 /// Records a global memory barrier.
 ///
@@ -107,10 +107,16 @@ impl Submission {
 
     /// Submits the recording, waits for it, and returns the device's milliseconds where it has timestamps.
     pub fn run(&mut self) -> Result<Option<f64>> {
-        let device = self.device.raw();
-        let queue = self.device.queue().ok_or_else(|| {
+        let device = self.device.clone();
+        let queue = device.queue().ok_or_else(|| {
             Error::Binding("a renderer's device has no queue of ours: record into its command buffer instead".into())
         })?;
+        self.run_on(queue)
+    }
+
+    /// The same on a queue of the device's family.
+    pub fn run_on(&mut self, queue: &Mutex<vk::Queue>) -> Result<Option<f64>> {
+        let device = self.device.raw();
         let buffers = [self.raw];
         let info = [vk::SubmitInfo::default().command_buffers(&buffers)];
         // Before the run and not after it: a run that failed may have left it signalled.
@@ -124,10 +130,10 @@ impl Submission {
         // SAFETY: the fence is ours.
         let waited = unsafe { device.wait_for_fences(&[self.fence], true, u64::MAX) }.called("vkWaitForFences");
         if let Err(error) = waited {
-            let _queue = queue.lock().unwrap_or_else(PoisonError::into_inner);
+            let queue = queue.lock().unwrap_or_else(PoisonError::into_inner);
             // The work must have ended before the caller drops what it uses. On a lost device it has.
             // SAFETY: the queue is locked.
-            let _ = unsafe { device.device_wait_idle() };
+            let _ = unsafe { device.queue_wait_idle(*queue) };
             return Err(error);
         }
         if self.queries == vk::QueryPool::null() {

@@ -20,7 +20,7 @@ pub struct Renderer {
     matrices: bool,
     /// Where the device has it.
     pub external_memory: Option<khr::external_memory_fd::Device>,
-    queue: vk::Queue,
+    pub queue: vk::Queue,
     pool: vk::CommandPool,
     memory: vk::PhysicalDeviceMemoryProperties,
     messages: Box<Mutex<Vec<String>>>,
@@ -170,21 +170,22 @@ impl Renderer {
 
     /// The same as numbers.
     pub fn raw(&self) -> RawDevice {
-        RawDevice {
-            get_instance_proc_addr: self.entry.static_fn().get_instance_proc_addr as *const c_void,
-            instance: self.instance.handle().as_raw(),
-            physical_device: self.physical_device.as_raw(),
-            device: self.device.handle().as_raw(),
-            queue_family: self.queue_family,
-            enabled: EnabledFeatures {
-                storage_buffer_16bit: self.storage16,
-                shader_int64: self.int64,
-                subgroup_broadcast_dynamic_id: self.broadcast_dynamic_id,
-                host_query_reset: self.host_query_reset,
-                cooperative_matrix: self.matrices,
-                debug_utils: true,
-            },
-        }
+        let mut raw = RawDevice::new(
+            self.entry.static_fn().get_instance_proc_addr as *const c_void,
+            self.instance.handle().as_raw(),
+            self.physical_device.as_raw(),
+            self.device.handle().as_raw(),
+            self.queue_family,
+        );
+        raw.enabled = EnabledFeatures {
+            storage_buffer_16bit: self.storage16,
+            shader_int64: self.int64,
+            subgroup_broadcast_dynamic_id: self.broadcast_dynamic_id,
+            host_query_reset: self.host_query_reset,
+            cooperative_matrix: self.matrices,
+            debug_utils: true,
+        };
+        raw
     }
 
     pub fn assert_silent(&self) {

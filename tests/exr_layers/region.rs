@@ -1,5 +1,6 @@
 //! Files cropped to a region.
 
+use super::rewriting::everything;
 use super::*;
 use exr::math::RoundingMode;
 use vkdenoise::Region;

@@ -244,6 +244,8 @@ static inline vkdenoise_renderer own_handles(struct own_vulkan *own) {
   renderer.queue_family = own->queue_family;
   renderer.enabled_features = own->enabled_features;
   renderer.cache = "off";
+  // Nothing else is submitted while a denoiser is created.
+  renderer.upload_queue = own->queue;
   return renderer;
 }
 

@@ -26,6 +26,7 @@
 struct VkInstance_T;
 struct VkPhysicalDevice_T;
 struct VkDevice_T;
+struct VkQueue_T;
 struct VkCommandBuffer_T;
 
 // A struct with its size set and all other fields 0.
@@ -527,6 +528,11 @@ typedef struct vkdenoise_renderer {
   uint32_t enabled_features;
   // As vkdenoise_device_options.cache.
   const char *cache;
+  // A queue of queue_family that vkdenoise_denoiser_create may submit to and wait for: weights then go to memory that
+  // is the GPU's own, by a copy. The caller sees to it that nothing else uses the queue while that function runs on
+  // the device; calls of it synchronise among themselves. NULL: weights stay where the host writes them, in memory
+  // that is both where the device has such, and otherwise in the host's, which kernels read at every frame.
+  struct VkQueue_T *upload_queue;
 } vkdenoise_renderer;
 
 // A plane to read: three channels (colour, albedo, normal) or one (depth, noise); a signal's own. Channels beyond
@@ -977,9 +983,9 @@ void vkdenoise_device_list_destroy(struct vkdenoise_device_list *list);
 vkdenoise_status vkdenoise_device_open(const struct vkdenoise_device_options *options,
                                        struct vkdenoise_device **device);
 
-// Uses a renderer's device. The library makes memory, pipelines and descriptor sets on it, and never submits or
-// waits: passes are recorded into the renderer's command buffers. The handles must be valid, belong together and
-// outlive the device and all that is made from it.
+// Uses a renderer's device. The library makes memory, pipelines and descriptor sets on it. Passes are recorded into the
+// renderer's command buffers; nothing is submitted or waited for, but by vkdenoise_denoiser_create on upload_queue
+// where that is given. The handles must be valid, belong together and outlive the device and all that is made from it.
 //
 // @param device receives the device; destroy it with vkdenoise_device_destroy.
 vkdenoise_status vkdenoise_device_from_renderer(const struct vkdenoise_renderer *renderer,

@@ -115,6 +115,11 @@ pub struct Renderer {
     pub enabled_features: u32,
     /// As vkdenoise_device_options.cache.
     pub cache: *const c_char,
+    /// A queue of queue_family that vkdenoise_denoiser_create may submit to and wait for: weights then go to memory that
+    /// is the GPU's own, by a copy. The caller sees to it that nothing else uses the queue while that function runs on
+    /// the device; calls of it synchronise among themselves. NULL: weights stay where the host writes them, in memory
+    /// that is both where the device has such, and otherwise in the host's, which kernels read at every frame.
+    pub upload_queue: *mut VkQueue_T,
 }
 descriptor!(Renderer, "vkdenoise_renderer", cache: *const c_char);
 
@@ -127,6 +132,9 @@ pub struct VkPhysicalDevice_T([u8; 0]);
 /// Vulkan's.
 #[repr(C)]
 pub struct VkDevice_T([u8; 0]);
+/// Vulkan's.
+#[repr(C)]
+pub struct VkQueue_T([u8; 0]);
 
 /// What a renderer's device must have, for vkdenoise_requirement.
 #[repr(u32)]
@@ -255,9 +263,9 @@ pub unsafe extern "C" fn vkdenoise_device_open(options: *const DeviceOptions, de
     guard(|| unsafe { handle::give(device, open) })
 }
 
-/// Uses a renderer's device. The library makes memory, pipelines and descriptor sets on it, and never submits or
-/// waits: passes are recorded into the renderer's command buffers. The handles must be valid, belong together and
-/// outlive the device and all that is made from it.
+/// Uses a renderer's device. The library makes memory, pipelines and descriptor sets on it. Passes are recorded into the
+/// renderer's command buffers; nothing is submitted or waited for, but by vkdenoise_denoiser_create on upload_queue
+/// where that is given. The handles must be valid, belong together and outlive the device and all that is made from it.
 ///
 /// @param device receives the device; destroy it with vkdenoise_device_destroy.
 #[unsafe(no_mangle)]
@@ -271,21 +279,22 @@ pub unsafe extern "C" fn vkdenoise_device_from_renderer(renderer: *const Rendere
         }
         let has = |feature: Feature| enabled & feature as u32 != 0;
         let function = renderer.get_instance_proc_addr;
-        let raw = RawDevice {
-            get_instance_proc_addr: function.map_or(ptr::null(), |function| function as *const c_void),
-            instance: renderer.instance as u64,
-            physical_device: renderer.physical_device as u64,
-            device: renderer.device as u64,
-            queue_family: renderer.queue_family,
-            enabled: EnabledFeatures {
-                storage_buffer_16bit: has(Feature::Storage16),
-                shader_int64: has(Feature::ShaderInt64),
-                subgroup_broadcast_dynamic_id: has(Feature::SubgroupBroadcastDynamicId),
-                host_query_reset: has(Feature::HostQueryReset),
-                cooperative_matrix: has(Feature::CooperativeMatrix),
-                debug_utils: has(Feature::DebugUtils),
-            },
+        let mut raw = RawDevice::new(
+            function.map_or(ptr::null(), |function| function as *const c_void),
+            renderer.instance as u64,
+            renderer.physical_device as u64,
+            renderer.device as u64,
+            renderer.queue_family,
+        );
+        raw.enabled = EnabledFeatures {
+            storage_buffer_16bit: has(Feature::Storage16),
+            shader_int64: has(Feature::ShaderInt64),
+            subgroup_broadcast_dynamic_id: has(Feature::SubgroupBroadcastDynamicId),
+            host_query_reset: has(Feature::HostQueryReset),
+            cooperative_matrix: has(Feature::CooperativeMatrix),
+            debug_utils: has(Feature::DebugUtils),
         };
+        raw.upload_queue = renderer.upload_queue as u64;
         // SAFETY: the caller vouches for its handles.
         let mut handles = unsafe { RendererDevice::from_raw(&raw)? };
         // SAFETY: as above.

@@ -1,0 +1,70 @@
+//! Twins of the kernels that take several operations: these, one after the other.
+
+use super::dense::activate;
+use super::map::Map;
+use super::maps::normalise;
+use super::{Reference, Twin};
+use crate::kernels::attention_block::AttentionBlock;
+use crate::kernels::aux_projection::{AuxProjection, CHANNELS};
+use crate::kernels::separable::Separable3x3;
+use crate::kernels::{Activation, BufferId, View};
+
+impl Twin for Separable3x3 {
+    /// `pointwise(depthwise(src))`.
+    fn compute(&self, reference: &mut Reference) {
+        let inner = reference.depthwise(&self.depthwise);
+        reference.pointwise(&inner, &self.pointwise);
+    }
+}
+
+impl Twin for AuxProjection {
+    /// Step by step, what each adds to the result.
+    fn compute(&self, reference: &mut Reference) {
+        let (mut step, mut sums) = (reference.map(&self.src), None);
+        for i in 0..self.out.len() {
+            let mixed = reference.matrix(self.pointwise[i]).apply(&step, 1, CHANNELS as usize);
+            step = reference.depthwise_of(&mixed, self.depthwise[i], Activation::LeakyRelu);
+            let part = reference.matrix(self.out[i]).apply(&step, 1, CHANNELS as usize);
+            sums = Some(match sums {
+                None => part,
+                Some(mut sums) => {
+                    let Map { values, .. } = &mut sums;
+                    values.iter_mut().zip(part.values).for_each(|(sum, value)| *sum += value);
+                    sums
+                }
+            });
+        }
+        let Some(mut result) = sums else { return };
+        result.values.iter_mut().for_each(|value| *value = activate(Activation::LeakyRelu, *value));
+        let tiles = reference.tiles(&self.tiles, self.dst.width, self.dst.height);
+        reference.store(&result, &self.dst, &tiles, |x, y, channel| (x, y, channel));
+    }
+}
+
+impl Twin for AttentionBlock {
+    /// `x + W [attended | rest of x] + bias`.
+    fn compute(&self, reference: &mut Reference) {
+        let attending = View { channels: self.value_width, ..self.x };
+        let (keys, values) = (self.key_width as usize, self.value_width as usize);
+        let x = projected(reference, &attending, self.qkv, 2 * keys + values);
+        let f = projected(reference, &self.f, self.qkf, 2 * keys);
+        let mut inputs = reference.attended(&x, &f, self.table, (keys, values));
+        let rest =
+            View { first: self.x.first + self.value_width, channels: self.x.channels - self.value_width, ..self.x };
+        if rest.channels > 0 {
+            inputs = inputs.beside(&reference.map(&rest));
+        }
+        let mut result = reference.matrix(self.projection).apply(&inputs, 1, self.dst.channels as usize);
+        let residual = reference.map(&self.x).values;
+        result.values.iter_mut().zip(residual).for_each(|(value, residual)| *value += residual);
+        let tiles = reference.tiles(&self.tiles, self.dst.width, self.dst.height);
+        reference.store(&result, &self.dst, &tiles, |x, y, channel| (x, y, channel));
+    }
+}
+
+/// A Linear of normed tokens.
+fn projected(reference: &Reference, view: &View, weights: BufferId, outputs: usize) -> Map {
+    let mut tokens = reference.map(view);
+    tokens.values.chunks_exact_mut(tokens.channels).for_each(normalise);
+    reference.matrix(weights).apply(&tokens, 1, outputs)
+}
