@@ -17,7 +17,7 @@
 //! # fn main() -> vkdenoise::Result<()> {
 //! # let (color, albedo) = (vec![0.0f32; 1920 * 1080 * 3], vec![0.0f32; 1920 * 1080 * 3]);
 //! let device = Device::open(&DeviceSelector::Best)?;
-//! let mut denoiser = Denoiser::new(&device, &Weights::hybrid()?, &Options::default())?;
+//! let mut denoiser = Denoiser::new(&device, &Weights::hybrid_kernels()?, &Options::default())?;
 //! let extent = Extent::new(1920, 1080);
 //! let rgb = Layout::interleaved(extent, 3);
 //! let features = Features { albedo: Some(Plane::f32(&albedo, rgb)), ..Features::default() };
@@ -35,7 +35,7 @@
 //! # unsafe fn sketch(renderer: RendererDevice, frame: BufferFrame, commands: ash::vk::CommandBuffer) -> Result<()> {
 //! // Once. `Device::requirements()` says what to enable when the device is created.
 //! let device = unsafe { Device::from_renderer(renderer)? };
-//! let denoiser = Denoiser::new(&device, &Weights::hybrid()?, &Options::default())?;
+//! let denoiser = Denoiser::new(&device, &Weights::hybrid_kernels()?, &Options::default())?;
 //! let pass = denoiser.pass(Extent::new(1920, 1080))?;
 //! let binding = unsafe { pass.bind_buffers(&frame)? };
 //! // Every frame.
@@ -47,7 +47,7 @@
 //! | for | take |
 //! |---|---|
 //! | a device | [`Device::open`], [`Device::list`]; a renderer's own: [`Device::from_renderer`] with [`RendererDevice`], from raw handles [`RawDevice`]; what to enable: [`Device::requirements`] |
-//! | a network | [`Quality`] picks one that ships, [`Weights::from_file`] loads one |
+//! | a network | [`Quality`] picks the one that ships, [`Weights::from_file`] loads one |
 //! | choices | [`Options`] for a [`Denoiser`], [`FrameOptions`] for each frame; [`Exposure`], [`Fireflies`], [`Precision`], [`Converged`] |
 //! | frames in memory | [`Denoiser::denoise`] of a [`Frame`] of [`Plane`]s with a [`Layout`] each; [`Denoiser::denoise_with`] for [`Signal`]s beside it, [`Progress`] and cancelling; a [`Report`] comes back |
 //! | frames on the GPU | [`Denoiser::pass`], then [`Pass::bind_buffers`] of a [`BufferFrame`] or [`Pass::bind_images`] of an [`ImageFrame`], then [`Pass::record`] every frame |

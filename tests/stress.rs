@@ -11,7 +11,7 @@ use std::sync::Mutex;
 use std::time::Instant;
 use stress::light::is_of_training;
 use stress::scene::Scene;
-use stress::subject::{Exactness, Subject, Tier, without_residual};
+use stress::subject::{Exactness, Subject, Tier, in_and_out_alone};
 use stress::{Depends, Effort, bad_samples, cases};
 use vkdenoise::options::ConvAlgorithm;
 use vkdenoise::{Denoiser, Extent, Layout, Options, PlaneMut, Weights};
@@ -44,20 +44,20 @@ fn check(weights: &Weights, tier: Tier, wanted: impl Fn(&str) -> bool, answers: 
 
 #[test]
 fn bad_pixels_stay_local() {
-    let weights = Weights::hybrid().unwrap();
+    let weights = Weights::hybrid_kernels().unwrap();
     check(&weights, tier(), |name| name.contains("bad pixel"), |depends| depends == Depends::Engine);
 }
 
 #[test]
 fn content_shapes_and_sequences() {
-    let weights = Weights::hybrid().unwrap();
+    let weights = Weights::hybrid_kernels().unwrap();
     check(&weights, tier(), |name| !name.contains("bad pixel"), |depends| depends == Depends::Engine);
 }
 
 /// What the network's training answers for elsewhere, the way in and out must keep by itself.
 #[test]
 fn the_way_in_and_out_alone_keeps_light() {
-    let weights = without_residual(&Weights::hybrid().unwrap()).unwrap();
+    let weights = in_and_out_alone(&Weights::hybrid_kernels().unwrap()).unwrap();
     check(&weights, tier(), is_of_training, |_| true);
 }
 
@@ -75,7 +75,7 @@ fn tiers_that_leave_converged_squares_out_keep_the_bounds() {
 
 /// The cases that say most, on tiers with the kernels that the device prefers.
 fn check_tiers(wanted: impl Fn(&Tier) -> bool) {
-    let weights = Weights::hybrid().unwrap();
+    let weights = Weights::hybrid_kernels().unwrap();
     let tiers =
         Tier::all(device()).into_iter().filter(|tier| wanted(tier) && tier.cpu_kernels == self::tier().cpu_kernels);
     let tiers: Vec<Tier> = tiers.collect();
@@ -135,7 +135,7 @@ proptest! {
         static DENOISER: Mutex<Option<Denoiser>> = Mutex::new(None);
         let mut denoiser = DENOISER.lock().unwrap_or_else(|poisoned| poisoned.into_inner());
         let denoiser = denoiser.get_or_insert_with(|| {
-            tier().denoiser(device(), &Weights::hybrid().unwrap(), &Options::default()).unwrap()
+            tier().denoiser(device(), &Weights::hybrid_kernels().unwrap(), &Options::default()).unwrap()
         });
         let rgb = Layout::interleaved(scene.extent, 3);
         let mut outputs = [(); 2].map(|()| vec![f32::NAN; scene.color.len()]);
