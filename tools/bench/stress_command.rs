@@ -25,8 +25,8 @@ pub struct StressArgs {
     /// Only what the test suite has time for.
     #[arg(long)]
     sample: bool,
-    /// Put the pre- and post-processing alone beside the tiers, a network that adds a residual of zero, where the
-    /// network's training answers for a figure.
+    /// Put the pre- and post-processing alone beside the tiers, a network that adds a residual of zero, where a network
+    /// may spoil a figure.
     #[arg(long)]
     frame_alone: bool,
     /// A program to put beside the tiers, as NAME=COMMAND; may be given again. tools/measure/oidn_peer.py is one.

@@ -17,7 +17,7 @@ pub const CASES: Cases = &[
     ("radiance times 1e-6 to 1e6", scaled),
 ];
 
-/// Whether a case has figures that the network's training answers for, so that the way in and out should be seen alone.
+/// Whether a case has figures that a network may spoil, so that the way in and out should be seen alone.
 pub fn is_of_training(case: &str) -> bool {
     ["firefl", "emitter", "neutral: a constant", "neutral: a ramp"].iter().any(|part| case.contains(part))
 }

@@ -126,7 +126,7 @@ fn sun(subject: &mut Subject, radiance: f32, in_noise: bool) -> Result<Vec<Measu
     most.take(sum, "");
     let mut far = Measured::new("the ground 16 pixels away, of the input's", Bound::AtMost(1.5));
     far.take(mean(&output, None, |at| !in_disc(at, 20.0)) / 0.2, "");
-    Ok(vec![least, most, far.by_weights()])
+    Ok(vec![least, most, far])
 }
 
 /// Lone pixels of 500 on 0.2.
