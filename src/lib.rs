@@ -17,7 +17,7 @@
 //! # fn main() -> vkdenoise::Result<()> {
 //! # let (color, albedo) = (vec![0.0f32; 1920 * 1080 * 3], vec![0.0f32; 1920 * 1080 * 3]);
 //! let device = Device::open(&DeviceSelector::Best)?;
-//! let mut denoiser = Denoiser::new(&device, &Weights::hybrid()?, &Options::default())?;
+//! let mut denoiser = Denoiser::new(&device, &Weights::hybrid_kernels()?, &Options::default())?;
 //! let extent = Extent::new(1920, 1080);
 //! let rgb = Layout::interleaved(extent, 3);
 //! let features = Features { albedo: Some(Plane::f32(&albedo, rgb)), ..Features::default() };
@@ -35,7 +35,7 @@
 //! # unsafe fn sketch(renderer: RendererDevice, frame: BufferFrame, commands: ash::vk::CommandBuffer) -> Result<()> {
 //! // Once. `Device::requirements()` says what to enable when the device is created.
 //! let device = unsafe { Device::from_renderer(renderer)? };
-//! let denoiser = Denoiser::new(&device, &Weights::hybrid()?, &Options::default())?;
+//! let denoiser = Denoiser::new(&device, &Weights::hybrid_kernels()?, &Options::default())?;
 //! let pass = denoiser.pass(Extent::new(1920, 1080))?;
 //! let binding = unsafe { pass.bind_buffers(&frame)? };
 //! // Every frame.
@@ -48,7 +48,7 @@
 //! |---|---|
 //! | a device | [`Device::open`] with a [`DeviceSelector`], [`Device::open_with`] [`DeviceOptions`], where a [`Cache`] says where compiled kernels are kept; [`Device::list`] gives a [`DeviceInfo`] of each, with its [`DeviceKind`] |
 //! | a renderer's own | [`Device::from_renderer`] with [`RendererDevice`], from raw handles [`RawDevice`] with [`EnabledFeatures`]; [`Device::requirements`] says what to enable: [`Requirements`] |
-//! | a network | [`Quality`] picks one that ships, [`Weights::from_file`] loads one; [`WeightsError`] says what a file lacks, [`ArchError`] what its network cannot be |
+//! | a network | [`Quality`] picks the one that ships, [`Weights::from_file`] loads one; [`WeightsError`] says what a file lacks, [`ArchError`] what its network cannot be |
 //! | a denoiser | [`Denoiser::new`] of device, weights and [`Options`] |
 //! | choices | [`Options`] for a denoiser, [`FrameOptions`] for each frame: [`Precision`], [`Exposure`], [`Fireflies`], a [`Region`]; [`Converged`] leaves out what needs no denoising ([`ConvergedMode`], [`ConvergedMargins`]) |
 //! | frames in memory | [`Denoiser::denoise`] of a [`Frame`] of some [`Extent`]: a [`Plane`] of colour, [`Features`] beside it ([`Noise`] too, of a [`NoiseKind`]), each of [`Samples`] with a [`Layout`], into a [`PlaneMut`] of [`SamplesMut`]; a [`Report`] comes back, with a [`TileReport`] where the frame was cut |

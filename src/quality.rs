@@ -1,4 +1,4 @@
-//! The networks that ship inside the library, and which of them to take.
+//! The network that ships inside the library, and how the qualities take it.
 
 use crate::error::{Error, Result};
 use crate::kernels::contract::Need;
@@ -10,23 +10,11 @@ use std::fmt;
 use std::str::FromStr;
 
 #[cfg(feature = "weights")]
-const HYBRID: Option<&[u8]> = Some(vkdenoise_weights_hybrid::WEIGHTS);
-#[cfg(feature = "weights")]
 const HYBRID_KERNELS: Option<&[u8]> = Some(vkdenoise_weights_hybrid_kernels::WEIGHTS);
-#[cfg(not(feature = "weights"))]
-const HYBRID: Option<&[u8]> = None;
 #[cfg(not(feature = "weights"))]
 const HYBRID_KERNELS: Option<&[u8]> = None;
 
 impl Weights {
-    /// The trained Hybrid, embedded in the library.
-    ///
-    /// # Errors
-    /// [`WeightsError::NotBuiltIn`] without the feature `weights`.
-    pub fn hybrid() -> Result<Self> {
-        Ok(Self::from_bytes(HYBRID.ok_or(WeightsError::NotBuiltIn)?)?)
-    }
-
     /// The trained Hybrid that predicts kernels, embedded in the library: every pixel of its result is an average of
     /// pixels of the frame, of five sizes of neighbourhood, so that flat frames stay flat and texture stays sharp.
     ///
@@ -37,16 +25,17 @@ impl Weights {
     }
 }
 
-/// Run time against error: which of the networks that ship, how its maps are stored, and whether what has converged is
-/// left as it is. A network of your own: [`Weights::from_file`].
+/// Run time against error: which network that ships, how its maps are stored, and whether what has converged is left
+/// as it is. A network of your own: [`Weights::from_file`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Quality {
-    /// The Hybrid, in halves; squares of 16x16 pixels with a relative noise below 0.02 keep the caller's colour.
+    /// [`Weights::hybrid_kernels`], in halves; squares of 16x16 pixels with a relative noise below 0.02 keep the
+    /// caller's colour.
     Fast,
-    /// The Hybrid.
+    /// [`Weights::hybrid_kernels`].
     #[default]
     Balanced,
-    /// The Hybrid with predicted kernels, for a tenth more time ([`Weights::hybrid_kernels`]).
+    /// Kept for a larger network; today it gives what [`Quality::Balanced`] gives.
     High,
 }
 
@@ -60,8 +49,7 @@ impl Quality {
     /// [`WeightsError::NotBuiltIn`] without the feature `weights`.
     pub fn weights(self) -> Result<Weights> {
         match self {
-            Self::Fast | Self::Balanced => Weights::hybrid(),
-            Self::High => Weights::hybrid_kernels(),
+            Self::Fast | Self::Balanced | Self::High => Weights::hybrid_kernels(),
         }
     }
 

@@ -75,8 +75,7 @@ impl BufferSignal {
 
 /// What a denoiser says that was made for frames without signals.
 pub(crate) fn not_asked_for() -> Error {
-    let reason =
-        "the denoiser was made without them; set Options::signals (with weights that predict kernels: Quality::High)";
+    let reason = "the denoiser was made without them; set Options::signals";
     Error::InvalidOption { option: "signals", reason: reason.into() }
 }
 
@@ -94,6 +93,6 @@ pub(crate) fn check_head(arch: &Arch) -> Result<()> {
         Some(_) => "mixes a residual of the colour alone into its result",
         None => "adds a residual to the colour and predicts no kernels",
     };
-    let reason = format!("'{}' {why}; take Quality::High (--quality high, Weights::hybrid_kernels)", arch.name);
+    let reason = format!("'{}' {why}; take the network that ships, which every quality has", arch.name);
     Err(Error::InvalidOption { option: "signals", reason })
 }

@@ -14,7 +14,7 @@ use vkdenoise::{
 };
 
 fn denoiser() -> Denoiser {
-    Denoiser::new(device(), &Weights::hybrid().unwrap(), &Options::default()).unwrap()
+    Denoiser::new(device(), &Weights::hybrid_kernels().unwrap(), &Options::default()).unwrap()
 }
 
 /// A smooth picture with noise and edges: colour, albedo, normal, depth.
@@ -175,7 +175,7 @@ fn blend_mixes_the_noisy_colour_in() {
     let scene = Scene::new(Extent::new(40, 24), 9);
     let denoise = |blend| {
         let options = Options { blend, ..Options::default() };
-        scene.denoise(&mut Denoiser::new(device(), &Weights::hybrid().unwrap(), &options).unwrap())
+        scene.denoise(&mut Denoiser::new(device(), &Weights::hybrid_kernels().unwrap(), &options).unwrap())
     };
     let clean = denoise(0.0);
     for (found, noisy) in denoise(1.0).iter().zip(&scene.color) {
@@ -239,7 +239,7 @@ fn what_is_refused() {
         assert!(matches!(result, Err(Error::InvalidOption { option: "exposure", .. })));
     }
     let options = Options { blend: -0.1, ..Options::default() };
-    let result = Denoiser::new(device(), &Weights::hybrid().unwrap(), &options);
+    let result = Denoiser::new(device(), &Weights::hybrid_kernels().unwrap(), &options);
     assert!(matches!(result, Err(Error::InvalidOption { option: "blend", .. })));
     assert!(matches!("fp8".parse::<vkdenoise::Precision>(), Err(Error::InvalidOption { option: "precision", .. })));
 
@@ -269,7 +269,7 @@ fn memory_returns_when_a_denoiser_goes() {
     // Other tests of this binary allocate at the same time: a device of its own.
     let device = Device::open(&DeviceSelector::from_env().unwrap_or_default()).unwrap();
     assert_eq!(device.memory_bytes(), 0);
-    let mut denoiser = Denoiser::new(&device, &Weights::hybrid().unwrap(), &Options::default()).unwrap();
+    let mut denoiser = Denoiser::new(&device, &Weights::hybrid_kernels().unwrap(), &Options::default()).unwrap();
     let weights_only = device.memory_bytes();
     Scene::new(Extent::new(20, 20), 2).denoise(&mut denoiser);
     let small = device.memory_bytes();
@@ -298,7 +298,7 @@ fn threads() {
 /// Known before it is allocated, and refused where a budget says so.
 #[test]
 fn memory_is_known_and_bounded() {
-    let (weights, extent) = (Weights::hybrid().unwrap(), Extent::new(200, 130));
+    let (weights, extent) = (Weights::hybrid_kernels().unwrap(), Extent::new(200, 130));
     let denoiser = Denoiser::new(device(), &weights, &Options::default()).unwrap();
     let needed = denoiser.memory_required(extent).unwrap();
     assert_eq!(needed.staging, 200 * 130 * (40 + 12) + 4 * STATS_FLOATS);

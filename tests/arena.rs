@@ -7,7 +7,7 @@ use common::case::PREPROCESSING;
 use common::compare::assert_same_bits;
 use common::random::Random;
 use common::vulkan::{Renderer, RendererBuffer};
-use vkdenoise::net::{Arch, Weights};
+use vkdenoise::net::{Arch, Head, Weights};
 use vkdenoise::{
     Arena, ArenaBlock, ArenaRequired, Binding, BufferFrame, BufferPlane, Denoiser, Device, Error, Extent, FrameOptions,
     Layout, Options, Pass, SampleFormat,
@@ -16,8 +16,9 @@ use vkdenoise::{
 /// As a renderer changes its resolution; the largest neither first nor last.
 const SIZES: [Extent; 3] = [Extent::new(90, 60), Extent::new(150, 100), Extent::new(40, 70)];
 
+/// Random weights of the network that ships.
 fn weights() -> Weights {
-    Weights::hashed(&Arch::hybrid(), PREPROCESSING, 9).unwrap()
+    Weights::hashed(&Arch { head: Head::pure(), ..Arch::hybrid() }, PREPROCESSING, 9).unwrap()
 }
 
 /// A frame of some size in the renderer's memory: colour, albedo and depth, then the output.

@@ -171,7 +171,7 @@ fn denoise(denoiser: &mut Denoiser) -> Vec<f32> {
 fn process(cache: &Cache) -> (Vec<f32>, Seen) {
     lock(&SEEN).take();
     let device = open(cache.clone());
-    let mut denoiser = Denoiser::new(&device, &Weights::hybrid().unwrap(), &Options::default()).unwrap();
+    let mut denoiser = Denoiser::new(&device, &Weights::hybrid_kernels().unwrap(), &Options::default()).unwrap();
     let output = denoise(&mut denoiser);
     let messages = device.validation_messages();
     assert!(messages.is_empty(), "{messages:#?}");
@@ -251,7 +251,7 @@ fn each_pipeline_is_made_once_and_several_at_a_time() {
     let _turn = lock(&TURN);
     lock(&SEEN).take();
     let device = open(Cache::Off);
-    let mut denoiser = Denoiser::new(&device, &Weights::hybrid().unwrap(), &Options::default()).unwrap();
+    let mut denoiser = Denoiser::new(&device, &Weights::hybrid_kernels().unwrap(), &Options::default()).unwrap();
     let first = denoise(&mut denoiser);
     let Seen { made, most, .. } = lock(&SEEN).take().unwrap();
     let threads = std::thread::available_parallelism().map_or(1, |threads| threads.get());
@@ -265,7 +265,7 @@ fn each_pipeline_is_made_once_and_several_at_a_time() {
 fn what_was_recorded_is_submitted_again() {
     let _turn = lock(&TURN);
     let device = open(Cache::Off);
-    let mut denoiser = Denoiser::new(&device, &Weights::hybrid().unwrap(), &Options::default()).unwrap();
+    let mut denoiser = Denoiser::new(&device, &Weights::hybrid_kernels().unwrap(), &Options::default()).unwrap();
     let first = denoise(&mut denoiser);
     lock(&SEEN).take();
     for _ in 0..3 {

@@ -31,7 +31,8 @@ fn frame() -> (Vec<f32>, Vec<f32>) {
 }
 
 fn on_host(color: &[f32], samples: &[f32]) -> (Vec<f32>, ActiveTiles) {
-    let mut denoiser = Denoiser::new(common::device::device(), &Weights::hybrid().unwrap(), &options()).unwrap();
+    let mut denoiser =
+        Denoiser::new(common::device::device(), &Weights::hybrid_kernels().unwrap(), &options()).unwrap();
     let rgb = Layout::interleaved(EXTENT, 3);
     let plane = Plane::f32(samples, Layout::interleaved(EXTENT, 1));
     let noise = Some(Noise { plane, kind: NoiseKind::Samples });
@@ -45,7 +46,7 @@ fn on_host(color: &[f32], samples: &[f32]) -> (Vec<f32>, ActiveTiles) {
 fn denoiser(renderer: &Renderer) -> Denoiser {
     // SAFETY: the handles are the renderer's, which the caller keeps alive.
     let device = unsafe { Device::from_renderer(renderer.handles()) }.unwrap();
-    Denoiser::new(&device, &Weights::hybrid().unwrap(), &options()).unwrap()
+    Denoiser::new(&device, &Weights::hybrid_kernels().unwrap(), &options()).unwrap()
 }
 
 /// Runs a recording, and copies what was active out of it as a renderer would.

@@ -118,7 +118,7 @@ struct Rig {
 
 impl Rig {
     fn new() -> Self {
-        Self { weights: Weights::hybrid().unwrap(), frame: TestFrame::random(Extent::new(31, 17), 1) }
+        Self { weights: Weights::hybrid_kernels().unwrap(), frame: TestFrame::random(Extent::new(31, 17), 1) }
     }
 
     fn denoiser(&self, device: &Device) -> Result<Denoiser> {

@@ -55,9 +55,9 @@ impl Picture {
     }
 }
 
-/// Random weights: every branch matters to the result.
+/// Random weights of the network that ships: every branch matters to the result.
 fn weights() -> Weights {
-    Weights::hashed(&Arch::hybrid(), PREPROCESSING, 9).unwrap()
+    Weights::hashed(&ships(), PREPROCESSING, 9).unwrap()
 }
 
 fn denoise(denoiser: &mut Denoiser, frame: &Frame) -> Result<Vec<f32>, Error> {
@@ -65,8 +65,13 @@ fn denoise(denoiser: &mut Denoiser, frame: &Frame) -> Result<Vec<f32>, Error> {
     denoiser.denoise(frame, PlaneMut::f32(&mut output, Layout::interleaved(EXTENT, 3))).map(|_| output)
 }
 
-fn plan_of(name: &str, extent: Extent, keep_features: bool) -> Plan {
-    let graph = Graph::new(&Arch::named(name).unwrap()).unwrap();
+/// The network that ships.
+fn ships() -> Arch {
+    Arch { head: Head::pure(), ..Arch::hybrid() }
+}
+
+fn plan_of(arch: &Arch, extent: Extent, keep_features: bool) -> Plan {
+    let graph = Graph::new(arch).unwrap();
     plan(&graph, extent, &Target { keep_features, ..Target::default() }).unwrap()
 }
 
@@ -81,12 +86,14 @@ fn persistent(buffer: &Buffer) -> Option<(usize, u64)> {
 /// The plan finds by dataflow what the network's definition says.
 #[test]
 fn what_depends_on_features_alone_is_found() {
-    for name in Arch::NAMES {
-        let plan = plan_of(name, Extent::new(256, 128), true);
+    for arch in Arch::NAMES.map(|name| Arch::named(name).unwrap()).into_iter().chain([ships()]) {
+        let name = &arch.name;
+        let plan = plan_of(&arch, Extent::new(256, 128), true);
         for dispatch in &plan.dispatches {
             let last = dispatch.name.rsplit('.').next().unwrap_or_default();
             let expected = dispatch.name.starts_with("aux_proj")
-                || ["patch_embed_f", "input.aux", "stats.depths", "stats.depth_scale"].contains(&&dispatch.name[..])
+                || ["patch_embed_f", "input.aux", "stats.depths", "stats.depth_scale", "head.f0"]
+                    .contains(&&dispatch.name[..])
                 || ["f", "norm1_f", "qkf", "film", "mean"].contains(&last)
                 || dispatch.name.contains(".film");
             assert_eq!(dispatch.of_features, expected, "{name}: {}", dispatch.name);
@@ -108,7 +115,7 @@ fn what_depends_on_features_alone_is_found() {
             let apart = block != next_block || start + first.bytes <= *next;
             assert!(apart, "{name}: {} lies on {}", second.name, first.name);
         }
-        let forgetful = plan_of(name, Extent::new(256, 128), false);
+        let forgetful = plan_of(&arch, Extent::new(256, 128), false);
         assert!(forgetful.persistent.is_empty() && forgetful.buffers.iter().all(|b| persistent(b).is_none()), "{name}");
     }
 }
@@ -116,7 +123,7 @@ fn what_depends_on_features_alone_is_found() {
 #[test]
 fn what_it_saves_and_costs() {
     let extent = Extent::new(1920, 1080);
-    let (plain, keeping) = (plan_of("hybrid", extent, false), plan_of("hybrid", extent, true));
+    let (plain, keeping) = (plan_of(&ships(), extent, false), plan_of(&ships(), extent, true));
     let flops = |kept: fn(&Dispatch) -> bool| {
         keeping.dispatches.iter().filter(|d| kept(d)).map(|d| d.flops).sum::<u64>() as f64
     };

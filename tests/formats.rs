@@ -120,7 +120,7 @@ impl Rig {
         let renderer = Renderer::new();
         // SAFETY: the handles are the renderer's, which is dropped last.
         let device = unsafe { Device::from_renderer(renderer.handles()) }.unwrap();
-        let denoiser = Denoiser::new(&device, &Weights::hybrid().unwrap(), &Options::default()).unwrap();
+        let denoiser = Denoiser::new(&device, &Weights::hybrid_kernels().unwrap(), &Options::default()).unwrap();
         let mut random = Random::new(7);
         Self {
             pass: denoiser.pass(EXTENT).unwrap(),

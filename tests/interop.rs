@@ -30,7 +30,7 @@ fn color(seed: u64) -> Vec<f32> {
 }
 
 fn denoiser() -> Denoiser {
-    Denoiser::new(device(), &Weights::hybrid().unwrap(), &Options::default()).unwrap()
+    Denoiser::new(device(), &Weights::hybrid_kernels().unwrap(), &Options::default()).unwrap()
 }
 
 fn on_host(denoiser: &mut Denoiser, color: &[f32]) -> Vec<f32> {

@@ -120,7 +120,7 @@ fn bound(renderer: &Renderer, denoiser: &Denoiser) -> (Pass, Binding) {
 #[test]
 fn a_debugger_sees_names_and_labels() {
     let renderer = Renderer::new();
-    let weights = Weights::hybrid().unwrap();
+    let weights = Weights::hybrid_kernels().unwrap();
     let label = format!("vkdenoise {} 24x17", weights.arch().name);
     for label_kernels in [false, true] {
         let device = watched(&renderer, true).unwrap();

@@ -10,6 +10,7 @@ use common::device::{assert_no_validation_messages, device};
 use common::golden::Golden;
 use common::network::{crop, plan_of};
 use common::planes::TestFrame;
+use common::trained::residual_hybrid;
 use common::vulkan::Renderer;
 use vkdenoise::metrics::Comparison;
 use vkdenoise::net::{Arch, Weights};
@@ -61,18 +62,22 @@ fn errors(frame: &TestFrame, weights: &Weights) -> (f64, f64) {
 }
 
 #[test]
-fn the_shipped_networks_are_close_to_the_reference() {
+fn trained_networks_are_close_to_the_reference() {
     if !has_matrices() {
         return;
     }
-    let golden = Golden::read("golden_shipped.safetensors");
-    let (hybrid, kernels) = (Weights::hybrid().unwrap(), Weights::hybrid_kernels().unwrap());
-    let passes =
-        [("odd.", "with predicted kernels", &kernels), ("square.", "hybrid", &hybrid), ("odd.", "hybrid", &hybrid)];
+    let golden = Golden::read("golden_trained.safetensors");
+    let (ships, residual) = (Weights::hybrid_kernels().unwrap(), residual_hybrid());
+    let passes = [
+        ("odd.", "the network that ships", &ships),
+        ("square.", "the network that ships", &ships),
+        ("square.", "with a residual", &residual),
+        ("odd.", "with a residual", &residual),
+    ];
     // The first has all kernels of the others.
     for (prefix, name, weights) in &passes[..if compiles_fast() { passes.len() } else { 1 }] {
-        let (db, residual) = errors(&golden.frame(prefix), weights);
-        println!("shipped weights, {name}, {prefix} {db:.1} dB, NMSE of the residual {residual:.1e}");
+        let (db, error) = errors(&golden.frame(prefix), weights);
+        println!("trained weights, {name}, {prefix} {db:.1} dB, NMSE of the result {error:.1e}");
         assert!(db >= LEAST_DB, "{name}, {prefix} {db:.1} dB");
     }
     assert_no_validation_messages();
@@ -99,7 +104,7 @@ fn every_network_runs_on_matrices() {
 
 #[test]
 fn matrices_are_asked_for() {
-    let weights = Weights::hybrid().unwrap();
+    let weights = Weights::hybrid_kernels().unwrap();
     let denoiser = |precision| Denoiser::new(device(), &weights, &Options { precision, ..Options::default() });
     assert_eq!(denoiser(Precision::F32).unwrap().precision(), Precision::F32);
     let expected = match (device().has_matrices(), device().info().kind) {
@@ -123,7 +128,7 @@ fn another_run_has_the_same_bits() {
         return;
     }
     let frame = TestFrame::random(Extent::new(150, 70), 3);
-    let weights = Weights::hybrid().unwrap();
+    let weights = Weights::hybrid_kernels().unwrap();
     let mut denoiser = Denoiser::new(device(), &weights, &on_matrices()).unwrap();
     let mut run = || denoise_and_read(&mut denoiser, &frame.frame(), |plan| plan.residual.buffer).unwrap().0;
     let first = run();
@@ -140,7 +145,7 @@ fn a_renderers_device_has_matrices_where_it_enabled_them() {
     let renderer = Renderer::new();
     // SAFETY: the handles are the renderer's, which lives to the end of the test; the same below.
     let device = unsafe { Device::from_renderer(renderer.handles()) }.unwrap();
-    let weights = Weights::hybrid().unwrap();
+    let weights = Weights::hybrid_kernels().unwrap();
     let denoiser = Denoiser::new(&device, &weights, &on_matrices()).unwrap();
     let extent = Extent::new(70, 45);
     let buffer = renderer.buffer(12 * extent.pixels());

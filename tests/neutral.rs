@@ -66,7 +66,7 @@ fn denoise(denoiser: &mut Denoiser, color: &[f32]) -> Vec<f32> {
 
 #[test]
 fn harsh_frames_are_the_reference_twice() {
-    let weights = Weights::hybrid().unwrap();
+    let weights = Weights::hybrid_kernels().unwrap();
     let color = harsh(1);
     let frame = Frame { extent: EXTENT, color: Plane::f32(&color, rgb()), features: Features::default() };
     let plan = plan(&Graph::new(weights.arch()).unwrap(), EXTENT, &Target::default()).unwrap();
@@ -101,7 +101,7 @@ fn harsh_frames_are_the_reference_twice() {
 /// Maps of halves and matrices of halves: the rules are the same, and the network's rounding all that differs.
 #[test]
 fn tiers_with_halves_keep_the_rules() {
-    let weights = Weights::hybrid().unwrap();
+    let weights = Weights::hybrid_kernels().unwrap();
     let color = harsh(1);
     let run = |precision| {
         let options = Options { precision, ..Options::default() };
@@ -126,7 +126,7 @@ fn tiers_with_halves_keep_the_rules() {
 
 #[test]
 fn regions_of_harsh_frames_have_the_bits_of_the_whole() {
-    let weights = Weights::hybrid().unwrap();
+    let weights = Weights::hybrid_kernels().unwrap();
     let color = harsh(2);
     let mut random = Random::new(3);
     for converged in [None, Some(Converged { threshold: 0.02, mode: ConvergedMode::Exact })] {
@@ -166,7 +166,7 @@ fn depth_plane(buffer: &RendererBuffer) -> BufferPlane {
 #[test]
 fn a_renderer_gives_the_exposure_and_is_told_it() {
     let renderer = Renderer::new();
-    let weights = Weights::hybrid().unwrap();
+    let weights = Weights::hybrid_kernels().unwrap();
     // SAFETY: the handles are the renderer's, which outlives the device.
     let device = unsafe { Device::from_renderer(renderer.handles()) }.unwrap();
     let denoiser = Denoiser::new(&device, &weights, &Options::default()).unwrap();
@@ -247,7 +247,7 @@ fn a_renderer_gives_the_exposure_and_is_told_it() {
 /// What the host path cannot have, and what it says it used.
 #[test]
 fn the_host_path_refuses_buffers() {
-    let weights = Weights::hybrid().unwrap();
+    let weights = Weights::hybrid_kernels().unwrap();
     let exposure = Exposure::Buffer(BufferAddress { buffer: Default::default(), offset: 0 });
     let options = Options { exposure, ..Options::default() };
     let refused = Denoiser::new(device(), &weights, &options);

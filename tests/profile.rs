@@ -61,7 +61,7 @@ fn total(records: &[KernelRecord]) -> f64 {
 #[test]
 fn the_kernels_add_up_to_the_pass_and_timing_them_costs_little() {
     let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
-    let mut denoiser = Denoiser::new(device(), &Weights::hybrid().unwrap(), &Options::default()).unwrap();
+    let mut denoiser = Denoiser::new(device(), &Weights::hybrid_kernels().unwrap(), &Options::default()).unwrap();
     // Compiles.
     run(&mut denoiser, TIMED, true);
     let (mut shares, mut slowdowns) = (Vec::new(), Vec::new());
@@ -83,7 +83,7 @@ fn the_kernels_add_up_to_the_pass_and_timing_them_costs_little() {
 #[test]
 fn a_record_for_every_dispatch_in_order() {
     let _alone = ALONE.lock().unwrap_or_else(PoisonError::into_inner);
-    let mut denoiser = Denoiser::new(device(), &Weights::hybrid().unwrap(), &Options::default()).unwrap();
+    let mut denoiser = Denoiser::new(device(), &Weights::hybrid_kernels().unwrap(), &Options::default()).unwrap();
     let plan = denoiser.pass(EXTENT).unwrap().plan().clone();
     run(&mut denoiser, EXTENT, true);
     let records = run(&mut denoiser, EXTENT, true).records;
@@ -108,7 +108,7 @@ fn a_renderers_frames_have_slots_of_their_own() {
     let renderer = Renderer::new();
     // SAFETY: the handles are the renderer's, which lives to the end of the test.
     let renderers_device = unsafe { Device::from_renderer(renderer.handles()) }.unwrap();
-    let denoiser = Denoiser::new(&renderers_device, &Weights::hybrid().unwrap(), &Options::default()).unwrap();
+    let denoiser = Denoiser::new(&renderers_device, &Weights::hybrid_kernels().unwrap(), &Options::default()).unwrap();
     let pass = denoiser.pass(EXTENT).unwrap();
     let buffer = renderer.buffer(12 * EXTENT.pixels());
     let plane = BufferPlane {
@@ -160,7 +160,7 @@ fn a_renderers_frames_have_slots_of_their_own() {
     handles.host_query_reset = false;
     // SAFETY: as above.
     let without = unsafe { Device::from_renderer(handles) }.unwrap();
-    let denoiser = Denoiser::new(&without, &Weights::hybrid().unwrap(), &Options::default()).unwrap();
+    let denoiser = Denoiser::new(&without, &Weights::hybrid_kernels().unwrap(), &Options::default()).unwrap();
     let refused = denoiser.pass(Extent::new(8, 8)).unwrap().profiler(1);
     let Err(Error::Unsupported { missing, .. }) = refused else { panic!("timestamps that nobody can reset") };
     assert_eq!(missing, "hostQueryReset");
@@ -176,7 +176,7 @@ fn without_timestamps_the_host_times_whole_passes() {
     let device = Device::open_with(&options).unwrap();
     assert!(!device.has_timestamps());
     let extent = Extent::new(8, 8);
-    let mut denoiser = Denoiser::new(&device, &Weights::hybrid().unwrap(), &Options::default()).unwrap();
+    let mut denoiser = Denoiser::new(&device, &Weights::hybrid_kernels().unwrap(), &Options::default()).unwrap();
     let refused = denoiser.set_profiling(true).unwrap_err().to_string();
     assert!(refused.contains("timestampValidBits"), "{refused}");
     let pass = denoiser.pass(extent).unwrap();

@@ -14,7 +14,7 @@ const EXTENT: Extent = Extent::new(67, 45);
 const UNTOUCHED: f32 = -7.0;
 
 fn denoiser(options: &Options) -> Denoiser {
-    Denoiser::new(device(), &Weights::hybrid().unwrap(), options).unwrap()
+    Denoiser::new(device(), &Weights::hybrid_kernels().unwrap(), options).unwrap()
 }
 
 fn rgb() -> Layout {

@@ -19,7 +19,7 @@ const EXTENT: Extent = Extent::new(24, 17);
 fn denoised(renderer: &Renderer, handles: RendererDevice) -> Vec<u8> {
     // SAFETY: the handles are the renderer's, which outlives all that is made here.
     let device = unsafe { Device::from_renderer(handles) }.unwrap();
-    let denoiser = Denoiser::new(&device, &Weights::hybrid().unwrap(), &Options::default()).unwrap();
+    let denoiser = Denoiser::new(&device, &Weights::hybrid_kernels().unwrap(), &Options::default()).unwrap();
     let pass = denoiser.pass(EXTENT).unwrap();
     let samples: Vec<f32> = (0..3 * EXTENT.pixels()).map(|i| ((i * 37) % 101) as f32 / 50.0).collect();
     let (input, output) = (renderer.buffer(12 * EXTENT.pixels()), renderer.buffer(12 * EXTENT.pixels()));

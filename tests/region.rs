@@ -17,10 +17,10 @@ use vkdenoise::{
     Denoiser, Error, Extent, Features, Frame, Layout, Options, Plane, PlaneMut, Precision, Region, Weights,
 };
 
-/// In one piece: bands compute their borders twice, whichever part is wanted.
-fn hybrid(extent: Extent, folds: Folds) -> Plan {
+/// The Hybrid in one piece: bands compute their borders twice, whichever part is wanted.
+fn hybrid(head: Head, extent: Extent, folds: Folds) -> Plan {
     let options = Target { max_chain_bytes: u64::MAX, folds, ..Target::default() };
-    plan(&Graph::new(&Arch::hybrid()).unwrap(), extent, &options).unwrap()
+    plan(&Graph::new(&Arch { head, ..Arch::hybrid() }).unwrap(), extent, &options).unwrap()
 }
 
 fn flops(dispatches: &[vkdenoise::plan::Dispatch]) -> u64 {
@@ -31,8 +31,8 @@ fn flops(dispatches: &[vkdenoise::plan::Dispatch]) -> u64 {
 ///
 /// The work at (x, y) is a sum of products of a width that depends on x alone and the same of y, so it is at most that
 /// of (x, x) or of (y, y) (Cauchy and Schwarz): the diagonal has the worst.
-fn worst_share(side: u32, square: u32, folds: Folds) -> f64 {
-    let plan = hybrid(Extent::new(side, side), folds);
+fn worst_share(head: Head, side: u32, square: u32, folds: Folds) -> f64 {
+    let plan = hybrid(head, Extent::new(side, side), folds);
     let whole = flops(&plan.dispatches) as f64;
     let diagonal = (0..=side - square).map(|at| Region { x: at, y: at, width: square, height: square });
     diagonal.map(|region| flops(&plan.of_region(region)) as f64 / whole).fold(0.0, f64::max)
@@ -40,17 +40,19 @@ fn worst_share(side: u32, square: u32, folds: Folds) -> f64 {
 
 #[test]
 fn a_small_region_needs_a_part_of_the_work() {
-    let shares_with = |folds| {
-        let shares = [1024, 2048, 4096].map(|side| worst_share(side, 128, folds));
-        println!("128 x 128 pixels at worst, {folds:?}: {shares:.4?}");
+    let shares_with = |head: Head, folds| {
+        let shares = [1024, 2048, 4096].map(|side| worst_share(head.clone(), side, 128, folds));
+        println!("128 x 128 pixels at worst, {head:?}, {folds:?}: {shares:.4?}");
         shares
     };
     // A whole frame is less work where the last stage is folded, and a region never took much of that.
-    let shares = shares_with(Folds::ALL);
-    assert!(shares.into_iter().zip([0.62, 0.43, 0.23]).all(|(share, most)| share <= most), "{shares:?}");
+    for head in [Head::pure(), Head::Residual] {
+        let shares = shares_with(head, Folds::ALL);
+        assert!(shares.into_iter().zip([0.62, 0.43, 0.23]).all(|(share, most)| share <= most), "{shares:?}");
+    }
     // Token by token, with whole windows where there is attention, the pixels depend on 0.5465, 0.3634 and 0.1629 of
-    // the network as it stands.
-    let shares = shares_with(Folds::NONE);
+    // the network with a residual as it stands.
+    let shares = shares_with(Head::Residual, Folds::NONE);
     for (share, least) in shares.into_iter().zip([0.5465, 0.3634, 0.1629]) {
         assert!((least..least + 0.008).contains(&share), "{shares:?}");
     }
@@ -59,7 +61,7 @@ fn a_small_region_needs_a_part_of_the_work() {
 #[test]
 fn the_whole_frame_is_a_region() {
     let extent = Extent::new(200, 136);
-    let plan = hybrid(extent, Folds::ALL);
+    let plan = hybrid(Head::pure(), extent, Folds::ALL);
     for (part, whole) in plan.of_region(Region::all(extent)).iter().zip(&plan.dispatches) {
         let Some(grid) = part.call.grid() else { continue };
         let Tiles::Rect(rect) = grid.tiles else { panic!("{}: {grid:?}", part.name) };
@@ -76,7 +78,7 @@ fn the_whole_frame_is_a_region() {
 
 #[test]
 fn a_region_outside_the_frame_is_refused() {
-    let mut denoiser = Denoiser::new(device(), &Weights::hybrid().unwrap(), &Options::default()).unwrap();
+    let mut denoiser = Denoiser::new(device(), &Weights::hybrid_kernels().unwrap(), &Options::default()).unwrap();
     let extent = Extent::new(16, 8);
     let color = [0.5; 3 * 16 * 8];
     let rgb = Layout::interleaved(extent, 3);
@@ -141,7 +143,13 @@ fn check_rectangles(weights: &Weights, options: &Options, extent: Extent, seed: 
 
 #[test]
 fn rectangles_of_a_small_frame_have_the_bits_of_the_whole() {
-    check_rectangles(&Weights::hybrid().unwrap(), &Options::default(), Extent::new(300, 211), 1, &[Stage::Output]);
+    check_rectangles(
+        &Weights::hybrid_kernels().unwrap(),
+        &Options::default(),
+        Extent::new(300, 211),
+        1,
+        &[Stage::Output],
+    );
 }
 
 #[test]
@@ -151,7 +159,7 @@ fn rectangles_on_matrices_have_the_bits_of_the_whole() {
         return;
     }
     let options = Options { precision: Precision::Matrix, ..Options::default() };
-    check_rectangles(&Weights::hybrid().unwrap(), &options, Extent::new(300, 211), 5, &[Stage::Output]);
+    check_rectangles(&Weights::hybrid_kernels().unwrap(), &options, Extent::new(300, 211), 5, &[Stage::Output]);
 }
 
 /// Winograd's results depend on where its tiles begin.
@@ -195,7 +203,7 @@ fn rectangles_without_film_have_the_bits_of_the_whole() {
 fn rectangles_of_a_long_frame_have_the_bits_of_the_whole() {
     let stages = (0..3).flat_map(|i| [Stage::Encoder(i), Stage::Decoder(i)]);
     let stages: Vec<_> = stages.chain([Stage::Input, Stage::Bottleneck, Stage::Output]).collect();
-    let (weights, options) = (Weights::hybrid().unwrap(), Options::default());
+    let (weights, options) = (Weights::hybrid_kernels().unwrap(), Options::default());
     check_rectangles(&weights, &options, Extent::new(2560, 128), 2, &stages);
     check_rectangles(&weights, &options, Extent::new(128, 2560), 3, &stages);
 }

@@ -37,7 +37,7 @@ fn picture(seed: u32) -> Picture {
 }
 
 fn on_host(picture: &Picture) -> Vec<f32> {
-    let weights = Weights::hybrid().unwrap();
+    let weights = Weights::hybrid_kernels().unwrap();
     let mut denoiser = Denoiser::new(common::device::device(), &weights, &Options::default()).unwrap();
     let rgb = Layout::interleaved(EXTENT, 3);
     let frame = Frame {
@@ -58,7 +58,7 @@ fn on_host(picture: &Picture) -> Vec<f32> {
 fn denoiser(renderer: &Renderer) -> Denoiser {
     // SAFETY: the handles are the renderer's, which the caller keeps alive.
     let device = unsafe { Device::from_renderer(renderer.handles()) }.unwrap();
-    Denoiser::new(&device, &Weights::hybrid().unwrap(), &Options::default()).unwrap()
+    Denoiser::new(&device, &Weights::hybrid_kernels().unwrap(), &Options::default()).unwrap()
 }
 
 fn plane(buffer: &RendererBuffer, offset: usize, channels: usize) -> BufferPlane {
@@ -194,7 +194,7 @@ fn half_planes_in_buffers() {
     let host = Frame { extent: EXTENT, color: Plane::f32(&picture.color, rgb), features: Features::default() };
     let mut expected = vec![0.0; picture.color.len()];
     let mut on_host =
-        Denoiser::new(common::device::device(), &Weights::hybrid().unwrap(), &Options::default()).unwrap();
+        Denoiser::new(common::device::device(), &Weights::hybrid_kernels().unwrap(), &Options::default()).unwrap();
     on_host.denoise(&host, PlaneMut::f32(&mut expected, rgb)).unwrap();
     let bytes = output.read();
     let found: Vec<f16> = bytemuck::cast_slice(&bytes).to_vec();

@@ -361,8 +361,8 @@ fn what_does_not_fit_is_refused() {
         Err(Error::InvalidOption { option: "signals", reason }) => reason,
         other => panic!("{other:?}"),
     };
-    let residual = refused(&Weights::hybrid().unwrap());
-    assert!(residual.contains("predicts no kernels") && residual.contains("--quality high"), "{residual}");
+    let residual = refused(&common::trained::residual_hybrid());
+    assert!(residual.contains("predicts no kernels") && residual.contains("the network that ships"), "{residual}");
     assert!(refused(&weights(Head::gated())).contains("residual"));
 
     let frame = TestFrame::random(extent, 1);

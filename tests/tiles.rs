@@ -16,7 +16,7 @@ use vkdenoise::{
 const UNTOUCHED: f32 = -7.0;
 
 fn denoiser(options: Options) -> Denoiser {
-    Denoiser::new(device(), &Weights::hybrid().unwrap(), &options).unwrap()
+    Denoiser::new(device(), &Weights::hybrid_kernels().unwrap(), &options).unwrap()
 }
 
 const STRIP: Extent = Extent::new(640, 100);
@@ -201,7 +201,7 @@ fn every_option_of_a_frame_holds_in_tiles() {
 #[test]
 fn halves_are_cut_as_well() {
     let options = Options { precision: Precision::F16, ..Options::default() };
-    if Denoiser::new(device(), &Weights::hybrid().unwrap(), &options).is_err() {
+    if Denoiser::new(device(), &Weights::hybrid_kernels().unwrap(), &options).is_err() {
         return;
     }
     let frame = picture(STRIP);
@@ -280,7 +280,7 @@ fn a_budget_narrows_bands_first_and_cuts_then() {
 #[test]
 fn a_budget_without_room_for_a_tile_is_refused() {
     let options = Options { memory_budget: Some(24 << 20), ..Options::default() };
-    let mut denoiser = Denoiser::new(device(), &Weights::hybrid().unwrap(), &options).unwrap();
+    let mut denoiser = Denoiser::new(device(), &Weights::hybrid_kernels().unwrap(), &options).unwrap();
     let frame = picture(STRIP);
     let mut output = vec![UNTOUCHED; 3 * STRIP.pixels() as usize];
     let refused = denoiser.denoise(&frame.frame(), PlaneMut::f32(&mut output, Layout::interleaved(STRIP, 3)));

@@ -125,7 +125,7 @@ fn main() -> ExitCode {
     let outcome: stress::Result<()> = match Arguments::parse().command {
         Command::Pass { size, repeat, warm_up, on_request, device, weights, forms } => {
             Device::open(&device).map_err(Into::into).and_then(|device| {
-                let weights = weights.map_or_else(Weights::hybrid, |path| Ok(Weights::from_file(path)?))?;
+                let weights = weights.map_or_else(Weights::hybrid_kernels, |path| Ok(Weights::from_file(path)?))?;
                 let denoiser = Denoiser::new(&device, &weights, &forms.options())?;
                 Ok(pass(denoiser, size, (warm_up, repeat), on_request)?)
             })
@@ -148,7 +148,7 @@ fn main() -> ExitCode {
 }
 
 fn memory(device: &DeviceSelector, extent: Extent, options: &Options) -> Result<(), Error> {
-    let denoiser = Denoiser::new(&Device::open(device)?, &Weights::hybrid()?, options)?;
+    let denoiser = Denoiser::new(&Device::open(device)?, &Weights::hybrid_kernels()?, options)?;
     let needed = denoiser.memory_required(extent)?;
     let line = serde_json::json!({
         "width": extent.width, "height": extent.height,

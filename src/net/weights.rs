@@ -66,8 +66,8 @@ pub enum DepthRule {
 /// Why weights were refused.
 #[derive(Debug, thiserror::Error)]
 pub enum WeightsError {
-    /// The library was built without the networks that ship.
-    #[error("this build has no networks of its own: build with the feature `weights`, or load a file")]
+    /// The library was built without the network that ships.
+    #[error("this build has no network of its own: build with the feature `weights`, or load a file")]
     NotBuiltIn,
     /// The file could not be read.
     #[error("cannot read the weights {}: {source}", path.display())]

@@ -109,7 +109,7 @@ pub struct Options {
     pub converged: Option<Converged>,
     /// Whether frames may come with signals that go through the kernels of their colour ([`crate::Signal`],
     /// [`crate::Denoiser::denoise_with`], [`crate::Pass::bind_buffers_with`]). For weights that predict kernels and
-    /// nothing else ([`crate::Weights::hybrid_kernels`]); it may cost device memory.
+    /// nothing else, as those of the network that ships do; it may cost device memory.
     pub signals: bool,
     /// Whether recordings label every kernel, by the names of [`crate::KernelRecord`], and not the pass alone, for
     /// graphics debuggers. Labels are there where the device has `VK_EXT_debug_utils`

@@ -41,7 +41,7 @@ fn light_groups_add_up_to_the_colour() {
     let before = channels(&input);
     let noisy = off(&before, &groups, "Combined");
     assert!(noisy < 1e-5, "the file's own are off by {noisy:.1e}");
-    let ran = run(arguments![input, "-o", out, "--quality", "high", "--light-groups", "auto", "--json"]);
+    let ran = run(arguments![input, "-o", out, "--light-groups", "auto", "--json"]);
     succeeded(&ran);
     assert!(ran.err.contains("; with it Combined_Fill.R/G/B, Combined_Key.R/G/B"), "{}", ran.err);
     let json: Value = serde_json::from_str(&ran.out).unwrap();
@@ -58,7 +58,7 @@ fn light_groups_add_up_to_the_colour() {
     // By name, and in a region, with the same bits.
     let region = ["--region", "8,8,40,24"];
     let names = ["--aov", "Combined_Key", "Combined_Fill"];
-    let ran = run(arguments![input, "-o", part, "--quality", "high"]
+    let ran = run(arguments![input, "-o", part]
         .into_iter()
         .chain(arguments![region[0], region[1], names[0], names[1], names[2]]));
     succeeded(&ran);
@@ -75,8 +75,8 @@ fn alpha_is_kept_or_denoised() {
     let d = Directory::new();
     let (input, kept, denoised) = (case("20_noisy_alpha"), d.path("kept.exr"), d.path("denoised.exr"));
     let before = channels(&input);
-    succeeded(&run(arguments![input, "-o", kept, "--quality", "high"]));
-    succeeded(&run(arguments![input, "-o", denoised, "--quality", "high", "--alpha", "denoise"]));
+    succeeded(&run(arguments![input, "-o", kept]));
+    succeeded(&run(arguments![input, "-o", denoised, "--alpha", "denoise"]));
     let (kept, denoised) = (channels(&kept), channels(&denoised));
     assert_eq!(kept["A"], before["A"]);
     let over = |channels: &HashMap<String, Vec<f32>>, grey: f32| -> Vec<f32> {
@@ -103,21 +103,7 @@ fn other_layers_are_what_their_channels_say() {
     let d = Directory::new();
     let names = "B G R direct.B direct.G direct.R P.X P.Y P.Z ao.V albedo.R albedo.G albedo.B A Z";
     let (input, out) = (d.exr("in.exr", names, 1.5), d.path("out.exr"));
-    let ran = run(arguments![
-        input,
-        "-o",
-        out,
-        "--quality",
-        "high",
-        "--aov",
-        "direct",
-        "P",
-        "ao",
-        "albedo",
-        "Z",
-        "--alpha",
-        "denoise"
-    ]);
+    let ran = run(arguments![input, "-o", out, "--aov", "direct", "P", "ao", "albedo", "Z", "--alpha", "denoise"]);
     succeeded(&ran);
     let (before, after) = (channels(&input), channels(&out));
     assert_eq!(before.len(), after.len());
@@ -129,7 +115,7 @@ fn other_layers_are_what_their_channels_say() {
             assert!(worst < 0.15, "{name} is off by {worst}");
         }
     }
-    let ran = run(arguments![input, "-o", out, "--quality", "high", "--aov", "direct:value"]);
+    let ran = run(arguments![input, "-o", out, "--aov", "direct:value"]);
     succeeded(&ran);
     assert!(channels(&out)["direct.R"] != after["direct.R"], "light and value are the same");
     assert_eq!(channels(&out)["P.X"], before["P.X"]);
@@ -143,7 +129,7 @@ fn light_groups_that_are_not_all_are_noted() {
     let groups = "RGBA_key.B RGBA_key.G RGBA_key.R RGBA_denoised.B RGBA_denoised.G RGBA_denoised.R";
     let names = format!("B G R {groups} rgba_albedo.B rgba_albedo.G rgba_albedo.R");
     let (input, out) = (d.exr("in.exr", &names, 1.0), d.path("out.exr"));
-    let ran = run(arguments![input, "-o", out, "--quality", "high", "--light-groups", "auto"]);
+    let ran = run(arguments![input, "-o", out, "--light-groups", "auto"]);
     succeeded(&ran);
     assert!(ran.err.contains("; with it RGBA_key.R/G/B\n"), "{}", ran.err);
     assert!(ran.err.contains("% off the colour"), "{}", ran.err);
@@ -156,7 +142,7 @@ fn signals_that_cannot_be_are_refused() {
     let out = d.path("out.exr");
     let refused = |arguments: &[&str], words: &[&str]| {
         let ran = run_without_device(
-            arguments![input, "-o", out, "--quality", "high"]
+            arguments![input, "-o", out]
                 .into_iter()
                 .chain(arguments.iter().map(|argument| std::ffi::OsStr::new(argument).to_os_string())),
         );
@@ -171,8 +157,9 @@ fn signals_that_cannot_be_are_refused() {
     let unknown = run_without_device(arguments![input, "-o", out, "--light-groups", "all"]);
     assert!(unknown.code == Some(2) && unknown.err.contains("auto"), "{}", unknown.err);
 
-    // A network without kernels: the message says which quality to take.
-    let ran = run(arguments![input, "-o", out, "--aov", "direct"]);
-    assert!(ran.code == Some(1) && ran.err.contains("--quality high"), "{}", ran.err);
+    // A network without kernels: the message says which one has some.
+    let residual = Path::new(env!("CARGO_MANIFEST_DIR")).join("weights/hybrid.safetensors");
+    let ran = run(arguments![input, "-o", out, "--aov", "direct", "--weights", residual]);
+    assert!(ran.code == Some(1) && ran.err.contains("take the network that ships"), "{}", ran.err);
     assert_eq!(d.names(""), ["in.exr"]);
 }

@@ -12,4 +12,5 @@ pub mod network;
 pub mod planes;
 pub mod random;
 pub mod rig;
+pub mod trained;
 pub mod vulkan;

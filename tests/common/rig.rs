@@ -31,7 +31,7 @@ pub fn words(sizes: &[u64]) -> Vec<Buffer> {
 
 impl<'a> Rig<'a> {
     pub fn new(extent: Extent, buffers: &'a [Buffer]) -> Self {
-        let weights = Weights::hybrid().unwrap();
+        let weights = Weights::hybrid_kernels().unwrap();
         let mut bench = Bench::new(device(), PORTABLE).unwrap();
         make_buffers(&mut bench, buffers, &weights);
         Self { bench, reference: Reference::for_calls(extent, buffers, &weights).unwrap(), buffers }

@@ -1,6 +1,6 @@
 //! `vkdenoise-bench budget`: where precision goes, dispatch by dispatch.
 
-use crate::budget::{Result, measure, residual, table};
+use crate::budget::{Result, measure, result, table};
 use std::path::PathBuf;
 use vkdenoise::exr_io::{ExrFrame, LayerOptions};
 use vkdenoise::kernels::winograd::WinogradTile;
@@ -56,7 +56,7 @@ impl Form {
 /// Runs it.
 pub fn run(args: &BudgetArgs) -> Result<()> {
     let device = Device::open(&args.device)?;
-    let weights = args.weights.as_ref().map_or_else(Weights::hybrid, |path| Ok(Weights::from_file(path)?))?;
+    let weights = args.weights.as_ref().map_or_else(Weights::hybrid_kernels, |path| Ok(Weights::from_file(path)?))?;
     let file = ExrFrame::read(&args.frame, &LayerOptions::default())?;
     let whole = file.frame();
     let extent = Extent::new(args.size.width.min(whole.extent.width), args.size.height.min(whole.extent.height));
@@ -68,8 +68,8 @@ pub fn run(args: &BudgetArgs) -> Result<()> {
         std::fs::write(path, table::markdown(&lines))?;
     }
     print!("{}", table::text(&lines));
-    if let Some(line) = residual(&lines) {
-        println!("residual: NMSE {:.1e}", line.nmse);
+    if let Some(line) = result(&lines) {
+        println!("result: NMSE {:.1e}", line.nmse);
     }
     Ok(())
 }

@@ -62,7 +62,7 @@ pub fn run(args: &ConvergedArgs) -> stress::Result<()> {
     let image = ExrFrame::read(&args.frame, &LayerOptions::default())?;
     let reference = args.reference.as_ref().map(|path| ExrFrame::read(path, &LayerOptions::color_only(None)));
     let reference = reference.transpose()?;
-    let (device, weights) = (Device::open(&args.device)?, Weights::hybrid()?);
+    let (device, weights) = (Device::open(&args.device)?, Weights::hybrid_kernels()?);
     let case = |name: &str, mode: Option<ConvergedMode>| -> Result<Case, Error> {
         let converged = mode.map(|mode| Converged { threshold: args.threshold, mode });
         let denoiser = Denoiser::new(&device, &weights, &Options { converged, ..Options::default() })?;

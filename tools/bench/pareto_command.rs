@@ -17,8 +17,8 @@ pub struct ParetoArgs {
     /// Results file, a JSON line a record. A sweep that was stopped goes on with it.
     #[arg(long, default_value = "pareto.jsonl")]
     results: PathBuf,
-    /// A network that ships (hybrid, expanded_patch) or another as NAME=WEIGHTS; may be given again. Those that ship,
-    /// where none is named.
+    /// A known network (hybrid_kernels, which ships; hybrid, expanded_patch) or another as NAME=WEIGHTS; may be given
+    /// again. All that are known, where none is named.
     #[arg(long)]
     network: Vec<NetworkSpec>,
     /// Only the tier of this name; may be given again. All that the device runs, where none is named.
@@ -61,7 +61,7 @@ pub struct ParetoArgs {
     plot: Option<PathBuf>,
 }
 
-/// A network's name, and its file where it does not ship.
+/// A network's name, and its file where it is not known.
 #[derive(Clone)]
 struct NetworkSpec {
     name: String,
@@ -152,19 +152,24 @@ fn tiers(device: &Device, wanted: &[String]) -> Result<Vec<Tier>> {
     Ok(all.into_iter().filter(|tier| wanted.is_empty() || wanted.iter().any(|name| name == tier.name)).collect())
 }
 
-/// The trained +Expanded Patch: full joint attention in every block.
+/// The thesis's Hybrid, which adds a residual to the colour.
+const HYBRID: &[u8] = include_bytes!("../../weights/hybrid.safetensors");
+/// The thesis's +Expanded Patch: full joint attention in every block.
 const EXPANDED_PATCH: &[u8] = include_bytes!("../../weights/expanded_patch.safetensors");
 
 fn networks(specs: &[NetworkSpec]) -> Result<Vec<Network>> {
-    let shipped = [Weights::hybrid()?, Weights::from_bytes(EXPANDED_PATCH)?]
-        .map(|weights| Network { name: weights.arch().name.clone(), weights });
+    let network = |name: &str, weights| Network { name: name.into(), weights };
+    let mut known = vec![
+        network("hybrid_kernels", Weights::hybrid_kernels()?),
+        network("hybrid", Weights::from_bytes(HYBRID)?),
+        network("expanded_patch", Weights::from_bytes(EXPANDED_PATCH)?),
+    ];
     if specs.is_empty() {
-        return Ok(shipped.into());
+        return Ok(known);
     }
-    let mut shipped: Vec<Network> = shipped.into();
     let mut networks: Vec<Network> = Vec::new();
     for NetworkSpec { name, file } in specs {
-        if networks.iter().any(|known| known.name == *name) {
+        if networks.iter().any(|other| other.name == *name) {
             return Err(format!("two networks of the name '{name}': give each another").into());
         }
         networks.push(match file {
@@ -172,9 +177,9 @@ fn networks(specs: &[NetworkSpec]) -> Result<Vec<Network>> {
                 let weights = Weights::from_file(file).map_err(|error| format!("{}: {error}", file.display()))?;
                 Network { name: name.clone(), weights }
             }
-            None => match shipped.iter().position(|network| network.name == *name) {
-                Some(at) => shipped.swap_remove(at),
-                None => return Err(format!("no network '{name}' ships: give its file as {name}=WEIGHTS").into()),
+            None => match known.iter().position(|network| network.name == *name) {
+                Some(at) => known.swap_remove(at),
+                None => return Err(format!("no network '{name}' is known: give its file as {name}=WEIGHTS").into()),
             },
         });
     }

@@ -58,7 +58,7 @@ pub fn run(args: &SkipArgs) -> stress::Result<()> {
     let wanted = |name: &str| args.case.is_empty() || args.case.iter().any(|case| case == name);
     cases.retain(|case| case.name == "whole" || wanted(case.name));
     let device = Device::open(&args.device)?;
-    let weights = Weights::hybrid()?;
+    let weights = Weights::hybrid_kernels()?;
     let keeping = Options { keep_features: true, ..Options::default() };
     let mut denoisers =
         [Denoiser::new(&device, &weights, &Options::default())?, Denoiser::new(&device, &weights, &keeping)?];

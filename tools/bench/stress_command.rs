@@ -1,7 +1,7 @@
 //! `vkdenoise-bench stress`: every case on every tier, and on peers beside them.
 
 use crate::stress::light::is_of_training;
-use crate::stress::subject::{Peer, PeerSpec, Subject, Tier, without_residual};
+use crate::stress::subject::{Peer, PeerSpec, Subject, Tier, in_and_out_alone};
 use crate::stress::table::Matrix;
 use crate::stress::{Case, Effort, Result, cases};
 use std::path::PathBuf;
@@ -25,8 +25,8 @@ pub struct StressArgs {
     /// Only what the test suite has time for.
     #[arg(long)]
     sample: bool,
-    /// Put the pre- and post-processing alone beside the tiers, a network that predicts no residual, where the
-    /// network's training answers for a figure.
+    /// Put the pre- and post-processing alone beside the tiers, a network that adds a residual of zero, where a network
+    /// may spoil a figure.
     #[arg(long)]
     frame_alone: bool,
     /// A program to put beside the tiers, as NAME=COMMAND; may be given again. tools/measure/oidn_peer.py is one.
@@ -43,7 +43,7 @@ pub struct StressArgs {
 /// Runs it. The engine's figures must all be inside their bounds; a peer's are only shown.
 pub fn run(args: &StressArgs) -> Result<()> {
     let device = Device::open(&args.device)?;
-    let weights = args.weights.as_ref().map_or_else(Weights::hybrid, |path| Ok(Weights::from_file(path)?))?;
+    let weights = args.weights.as_ref().map_or_else(Weights::hybrid_kernels, |path| Ok(Weights::from_file(path)?))?;
     let effort = if args.sample { Effort::Sample } else { Effort::Everything };
     let cases: Vec<Case> = cases().into_iter().filter(|case| case.name.contains(&args.case)).collect();
     let wanted = |tier: &Tier| args.tier.is_empty() || args.tier.iter().any(|name| name == tier.name);
@@ -57,7 +57,7 @@ pub fn run(args: &StressArgs) -> Result<()> {
     if let Some(tier) = tiers.first().filter(|_| args.frame_alone) {
         let name = "in and out alone";
         matrix.add_subject(name);
-        let mut subject = Subject::engine(&device, &without_residual(&weights)?, *tier)?;
+        let mut subject = Subject::engine(&device, &in_and_out_alone(&weights)?, *tier)?;
         let cases: Vec<Case> = cases.iter().filter(|case| is_of_training(case.name)).cloned().collect();
         measure(&mut matrix, name, &mut subject, &cases, effort)?;
     }

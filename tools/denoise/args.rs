@@ -56,8 +56,7 @@ pub struct Args {
     pub into: Option<String>,
 
     /// Layers to denoise beside the colour with its kernels, so that sums hold, each into its own place: red, green and
-    /// blue are a part of the light, anything else is averaged as it is. NAME:value or NAME:light says otherwise. Needs
-    /// --quality high
+    /// blue are a part of the light, anything else is averaged as it is. NAME:value or NAME:light says otherwise
     #[arg(long, value_name = "NAME", num_args = 1.., value_parser = parsed::<AovLayer>)]
     pub aov: Vec<AovLayer>,
 
@@ -74,12 +73,12 @@ pub struct Args {
     #[arg(long, value_name = "NAME")]
     pub view: Option<String>,
 
-    /// Run time against error: fast, balanced or high. It chooses the network; fast is --skip-below 0.02 as well, and
-    /// on a CPU --precision fp16
+    /// Run time against error: fast, balanced or high. fast is --skip-below 0.02, and on a CPU --precision fp16; high
+    /// is kept for a larger network and today gives what balanced gives
     #[arg(long, value_name = "Q", default_value = "balanced", value_parser = parsed::<Quality>)]
     pub quality: Quality,
 
-    /// Weights file (safetensors) in place of a built-in network
+    /// Weights file (safetensors) in place of the built-in network
     #[arg(long, value_name = "F", conflicts_with = "quality")]
     pub weights: Option<PathBuf>,
 

@@ -1,7 +1,7 @@
 """What weights answer for when nothing is to be denoised: flat frames, clean frames, the energy of noisy ones.
 
     pip install vkdenoise-*.whl OpenEXR
-    python tools/measure/neutral.py --data PAIRS/test --method balanced --method high --method weights/expanded_patch.safetensors
+    python tools/measure/neutral.py --data PAIRS/test --method balanced --method weights/hybrid.safetensors --method OIDN
 
 Prints a Markdown table, a column for each method: a quality or a file of weights; pytorch:FILE is the training kit's network with
 those weights, or a checkpoint's; OIDN is a method too (pip install pyoidn).

@@ -1,10 +1,10 @@
-"""A picture for people: one row per scene, noisy | vkdenoise in both qualities | OIDN | reference, gamma 2.2, with labels and credits."""
+"""A picture for people: one row per scene, noisy | vkdenoise | OIDN | reference, gamma 2.2, with labels and credits."""
 import numpy as np
 from PIL import Image, ImageDraw, ImageFont
 
 from kit import metrics
 
-COLUMNS = ("noisy", "vkdenoise", "vkdenoise high", "OIDN", "reference")
+COLUMNS = ("noisy", "vkdenoise", "OIDN", "reference")
 # Licences ask for the author's name beside the picture.
 CREDITS = {
     "bathroom": '"Contemporary Bathroom" by Mareck (CC0)',
@@ -23,7 +23,7 @@ INK, PAPER = (20, 20, 20), (255, 255, 255)
 
 
 def label(column, spp):
-    names = {"noisy": f"{spp} samples per pixel", "vkdenoise high": "vkdenoise --quality high", "OIDN": "Intel OIDN, high"}
+    names = {"noisy": f"{spp} samples per pixel", "OIDN": "Intel OIDN, high"}
     return names.get(column, column)
 
 

@@ -37,8 +37,6 @@ def chosen_methods(args):
     chosen = {"noisy": methods.noisy}
     if args.vkdenoise:
         chosen["vkdenoise"] = methods.vkdenoise(args.vkdenoise, *(["--weights", args.weights] if args.weights else []))
-        if not args.weights:
-            chosen["vkdenoise high"] = methods.vkdenoise(args.vkdenoise, "--quality", "high")
     if args.pytorch:
         chosen["PyTorch"] = methods.pytorch(args.pytorch)
     return chosen | {"bilateral": methods.cross_bilateral, "OIDN": methods.oidn}

@@ -26,7 +26,7 @@ from tqdm import tqdm  # noqa: E402
 
 from kit import model, weights  # noqa: E402
 
-SHIPPED = Path(__file__).resolve().parents[2] / "weights" / "hybrid.safetensors"
+SHIPPED = Path(__file__).resolve().parents[2] / "weights" / "hybrid_kernels.safetensors"
 THREADS = 2
 WARM_UPS = 2
 

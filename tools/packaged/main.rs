@@ -20,8 +20,9 @@ fn main() -> vkdenoise::Result<()> {
         })
         .collect();
     let error = |samples: &[f32]| samples.iter().map(|s| (s - 0.5).abs()).sum::<f32>() / samples.len() as f32;
-    for quality in [Quality::Balanced, Quality::High] {
-        let mut denoiser = Denoiser::new(&device, &quality.weights()?, &Options::default())?;
+    for quality in [Quality::Balanced, Quality::Fast] {
+        let options = Options { precision: quality.precision(&device), ..Options::default() };
+        let mut denoiser = Denoiser::new(&device, &quality.weights()?, &options)?;
         let frame = Frame { extent, color: Plane::f32(&noisy, rgb), features: Features::default() };
         let mut output = vec![0.0; noisy.len()];
         denoiser.denoise(&frame, PlaneMut::f32(&mut output, rgb))?;

@@ -57,11 +57,11 @@ fn locked<T>(mutex: &Mutex<T>) -> MutexGuard<'_, T> {
 /// Run time against error.
 #[repr(u32)]
 pub enum Quality {
-    /// The Hybrid.
+    /// The network that ships: the Hybrid, which predicts kernels.
     Balanced = 0,
-    /// The Hybrid in half precision; what has converged is left as it is.
+    /// The same in half precision; what has converged is left as it is.
     Fast = 1,
-    /// The Hybrid that predicts kernels: the best pictures, for a little more time.
+    /// Kept for a larger network; today it gives what VKDENOISE_QUALITY_BALANCED gives.
     High = 2,
 }
 
@@ -99,8 +99,8 @@ pub struct Options {
     /// 1: what depends on albedo, normal and depth alone is kept between frames, for
     /// vkdenoise_frame_options.aux_unchanged. It costs device memory.
     pub keep_aux: u32,
-    /// 1: frames may come with signals (vkdenoise_frame.signals). For VKDENOISE_QUALITY_HIGH; it may cost device
-    /// memory.
+    /// 1: frames may come with signals (vkdenoise_frame.signals). For networks that predict kernels, as the one that
+    /// ships does; it may cost device memory.
     pub signals: u32,
     /// 1: recordings label every kernel, and not the pass alone, for graphics debuggers (VK_EXT_debug_utils).
     pub label_kernels: u32,

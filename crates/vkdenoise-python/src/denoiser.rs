@@ -58,7 +58,7 @@ impl Report {
 ///
 /// Its options are those of `vkdenoise.denoise` that are not a frame's own, with the same errors, and:
 ///     keep_features  keeps what depends on albedo, normal and depth alone, for `features_unchanged`; more memory.
-///     signals        whether frames may come with `light_groups`, `aovs` and `alpha="denoise"`; for quality "high".
+///     signals        whether frames may come with `light_groups`, `aovs` and `alpha="denoise"`; not with every `weights`.
 ///     cache          where compiled kernels are kept for the next process: a folder, "user" (vkdenoise in the user's
 ///                    folder for such files) or "off".
 #[pyclass(frozen, module = "vkdenoise")]
@@ -261,8 +261,8 @@ impl Denoiser {
             return Ok(());
         }
         Err(PyValueError::new_err(
-            "light_groups, aovs and alpha='denoise' are for denoisers made for them: Denoiser(quality='high', \
-             signals=True)",
+            "light_groups, aovs and alpha='denoise' are for denoisers made for them: \
+             Denoiser(signals=True)",
         ))
     }
 }

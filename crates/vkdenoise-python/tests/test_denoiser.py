@@ -40,7 +40,7 @@ def test_a_still_camera(planes: Planes, clean: numpy.ndarray) -> None:
 
 
 def test_what_a_call_did(planes: Planes) -> None:
-    denoiser = vkdenoise.Denoiser(quality="high")
+    denoiser = vkdenoise.Denoiser()
     assert denoiser.report is None
     first = denoiser.denoise(**planes)
     report = denoiser.report
@@ -54,10 +54,10 @@ def test_what_a_call_did(planes: Planes) -> None:
     denoiser.denoise(**planes, region=(0, 0, 8, 8))
     assert denoiser.report is not None and denoiser.report.work < 1
     assert (denoiser.quality, denoiser.precision) == (
-        "high",
+        "balanced",
         "fp32" if denoiser.device.kind == "CPU" else denoiser.precision,
     )
-    assert repr(denoiser).startswith('Denoiser(quality="high", precision=')
+    assert repr(denoiser).startswith('Denoiser(quality="balanced", precision=')
     assert denoiser.device.name in repr(denoiser)
 
 

@@ -15,7 +15,7 @@ Groups = dict[str, numpy.ndarray]
 
 @pytest.fixture(scope="module")
 def layered() -> vkdenoise.Denoiser:
-    return vkdenoise.Denoiser(quality="high", signals=True)
+    return vkdenoise.Denoiser(signals=True)
 
 
 @pytest.fixture(scope="module")
@@ -27,11 +27,6 @@ def groups(planes: Planes) -> Groups:
     return {name: planes["color"] * share for name, share in {"key": key, "fill": fill, "rim": 1 - key - fill}.items()}
 
 
-@pytest.fixture(scope="module")
-def best(planes: Planes) -> numpy.ndarray:
-    return vkdenoise.Denoiser(quality="high").denoise(**planes)
-
-
 def assert_sum(parts: Groups, whole: numpy.ndarray) -> None:
     total = sum(part.astype(numpy.float64) for part in parts.values())
     largest = numpy.maximum(whole, numpy.max(numpy.abs(list(parts.values())), axis=0))
@@ -39,18 +34,18 @@ def assert_sum(parts: Groups, whole: numpy.ndarray) -> None:
 
 
 def test_light_groups_add_up(
-    layered: vkdenoise.Denoiser, planes: Planes, groups: Groups, best: numpy.ndarray
+    layered: vkdenoise.Denoiser, planes: Planes, groups: Groups, clean: numpy.ndarray
 ) -> None:
-    clean, parts = layered.denoise(**planes, light_groups=groups)
-    assert_same_bits(clean, best)
+    color, parts = layered.denoise(**planes, light_groups=groups)
+    assert_same_bits(color, clean)
     assert list(parts) == list(groups)
     assert all(part.shape == (HEIGHT, WIDTH, 3) and part.dtype == numpy.float32 for part in parts.values())
-    assert_sum(parts, clean)
+    assert_sum(parts, color)
     for name, part in parts.items():
         assert numpy.std(part - numpy.roll(part, 1, 1)) < 0.5 * numpy.std(groups[name] - numpy.roll(groups[name], 1, 1))
     # The function makes a denoiser that takes them.
-    again, same = vkdenoise.denoise(**planes, light_groups=groups, quality="high")
-    assert_same_bits(again, best)
+    again, same = vkdenoise.denoise(**planes, light_groups=groups)
+    assert_same_bits(again, clean)
     for name, part in parts.items():
         assert_same_bits(same[name], part)
 
@@ -75,11 +70,11 @@ def test_other_layers_keep_their_shapes(layered: vkdenoise.Denoiser, planes: Pla
     assert_same_bits(layered.denoise(**planes), clean)
 
 
-def test_none_of_them_is_an_empty_dict(layered: vkdenoise.Denoiser, planes: Planes, best: numpy.ndarray) -> None:
-    for found in (layered.denoise(**planes, aovs={}), vkdenoise.Denoiser(quality="high").denoise(**planes, aovs={})):
-        clean, none = found
+def test_none_of_them_is_an_empty_dict(layered: vkdenoise.Denoiser, planes: Planes, clean: numpy.ndarray) -> None:
+    for found in (layered.denoise(**planes, aovs={}), vkdenoise.Denoiser().denoise(**planes, aovs={})):
+        color, none = found
         assert none == {}
-        assert_same_bits(clean, best)
+        assert_same_bits(color, clean)
 
 
 def test_a_region_and_an_out(layered: vkdenoise.Denoiser, planes: Planes, groups: Groups) -> None:
@@ -118,7 +113,7 @@ def cutout(planes: Planes) -> Planes:
 def test_alpha_has_the_command_lines_bits(layered: vkdenoise.Denoiser, planes: Planes, command_line: Any) -> None:
     planes = cutout(planes)
     found = layered.denoise(**planes, alpha="denoise")
-    assert_same_bits(found, command_line(planes, "--quality", "high", "--alpha", "denoise"))
+    assert_same_bits(found, command_line(planes, "--alpha", "denoise"))
     noisy, alpha = planes["color"][..., 3], found[..., 3]
     assert numpy.std(numpy.diff(alpha)) < 0.5 * numpy.std(numpy.diff(noisy)) and 0 <= alpha.min() <= alpha.max() <= 1
     # Far outside nothing appears; a hole in the edge is filled.
@@ -127,7 +122,7 @@ def test_alpha_has_the_command_lines_bits(layered: vkdenoise.Denoiser, planes: P
     kept = layered.denoise(**planes)
     assert_same_bits(kept, layered.denoise(**planes, alpha="keep"))
     assert_same_bits(kept[..., 3].copy(), noisy.copy())
-    assert_same_bits(vkdenoise.denoise(**planes, alpha="denoise", quality="high"), found)
+    assert_same_bits(vkdenoise.denoise(**planes, alpha="denoise"), found)
 
 
 def test_layers_keep_what_is_outside_a_cutout(layered: vkdenoise.Denoiser, planes: Planes) -> None:
@@ -169,20 +164,23 @@ F = numpy.zeros((HEIGHT, WIDTH, 3), numpy.float32)
 def test_what_is_refused(
     layered: vkdenoise.Denoiser, planes: Planes, keywords: dict[str, Any], error: type[Exception], message: str
 ) -> None:
-    for denoise in (layered.denoise, lambda **given: vkdenoise.denoise(**given, quality="high")):
+    for denoise in (layered.denoise, vkdenoise.denoise):
         with pytest.raises(error) as raised:
             denoise(**planes, **keywords)
         assert message in str(raised.value)
 
 
-def test_who_takes_them(planes: Planes, groups: Groups, denoiser: vkdenoise.Denoiser) -> None:
-    with pytest.raises(ValueError, match=r"Denoiser\(quality='high', signals=True\)"):
+def test_who_takes_them(
+    planes: Planes, groups: Groups, denoiser: vkdenoise.Denoiser, pytestconfig: pytest.Config
+) -> None:
+    with pytest.raises(ValueError, match=r"Denoiser\(signals=True\)"):
         denoiser.denoise(**planes, light_groups=groups)
+    residual = pytestconfig.rootpath.parents[1] / "weights" / "hybrid.safetensors"
     for make in (
-        lambda: vkdenoise.Denoiser(signals=True),
-        lambda: vkdenoise.denoise(**planes, light_groups=groups),
+        lambda: vkdenoise.Denoiser(signals=True, weights=residual),
+        lambda: vkdenoise.denoise(**planes, light_groups=groups, weights=residual),
     ):
-        with pytest.raises(ValueError, match="take Quality::High .--quality high"):
+        with pytest.raises(ValueError, match="predicts no kernels; take the network that ships"):
             make()
 
 
@@ -190,8 +188,8 @@ def test_not_in_tiles() -> None:
     """A frame that a budget cuts into tiles takes none of them, and without them says how many there were."""
     height, width = 72, 960
     color = numpy.random.default_rng(1).random((height, width, 3), numpy.float32)
-    needed = vkdenoise.Denoiser(quality="high", signals=True).memory_required(height, width)
-    denoiser = vkdenoise.Denoiser(quality="high", signals=True, memory_budget=needed * 9 // 10)
+    needed = vkdenoise.Denoiser(signals=True).memory_required(height, width)
+    denoiser = vkdenoise.Denoiser(signals=True, memory_budget=needed * 9 // 10)
     with pytest.raises(ValueError, match="tiles take no signals"):
         denoiser.denoise(color, aovs={"red": color[..., 0]})
     denoiser.denoise(color)

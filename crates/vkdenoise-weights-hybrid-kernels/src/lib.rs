@@ -1,5 +1,5 @@
-//! The trained Hybrid of vkdenoise, a Vulkan compute denoiser, that predicts kernels: a crate of its own, as a
-//! registry takes no larger ones. NOTICE.md names the authors of the scenes that it was trained on.
+//! The network of vkdenoise, a Vulkan compute denoiser: the trained Hybrid that predicts kernels. A crate of its own, as
+//! a registry takes no larger ones. NOTICE.md names the authors of the scenes that it was trained on.
 
 #![no_std]
 

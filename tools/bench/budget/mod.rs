@@ -206,7 +206,7 @@ fn scores(reference: &Reference, plan: &Plan, k: &WindowAttention, weights: &Wei
     Ok((single, product))
 }
 
-/// The line of the network's residual: the last map that is written.
-pub fn residual(lines: &[Line]) -> Option<&Line> {
+/// The line of what the network makes in all: the last map that is written.
+pub fn result(lines: &[Line]) -> Option<&Line> {
     lines.last()
 }

@@ -1,6 +1,6 @@
 //! Pictures and features at the ends of what renderers write. Beside the plain rule that an output is finite and at
-//! least 0, the engine is held to the f64 reference: its residual in 32-bit floats, what a screen shows where there are
-//! halves.
+//! least 0, the engine is held to the f64 reference: what the network makes in 32-bit floats, what a screen shows where
+//! there are halves.
 
 use super::moves::{Unit, tone_mapped_db};
 use super::scene::Scene;
@@ -95,7 +95,7 @@ fn to_reference(engine: &mut Engine, scene: &Scene) -> Result<Measured> {
     let mut figure;
     match engine.tier.exactness {
         Exactness::Single => {
-            figure = Measured::new("residual's NMSE to f64", Bound::AtMost(1e-9));
+            figure = Measured::new("the network's result, NMSE to f64", Bound::AtMost(1e-9));
             figure.take(nmse(&residual, &single(reference.buffer(plan.residual.buffer)))?, "");
         }
         Exactness::Half => {

@@ -17,7 +17,7 @@ pub const CASES: Cases = &[
     ("radiance times 1e-6 to 1e6", scaled),
 ];
 
-/// Whether a case has figures that the network's training answers for, so that the way in and out should be seen alone.
+/// Whether a case has figures that a network may spoil, so that the way in and out should be seen alone.
 pub fn is_of_training(case: &str) -> bool {
     ["firefl", "emitter", "neutral: a constant", "neutral: a ramp"].iter().any(|part| case.contains(part))
 }
@@ -57,7 +57,7 @@ fn fireflies(subject: &mut Subject, effort: Effort) -> Result<Vec<Measured>> {
     let scene = canvas(effort);
     let psnr = |output: &[f32]| Ok::<_, vkdenoise::Error>(Comparison::new(scene.extent, output, &scene.clean)?.psnr());
     let plain = psnr(&subject.denoise(&scene)?)?;
-    let mut lost = Measured::new("PSNR falls, dB", Bound::AtMost(6.0)).by_weights();
+    let mut lost = Measured::new("PSNR falls, dB", Bound::AtMost(6.0));
     let mut color = scene.color.clone();
     let mut random = Random::new(5);
     for pixel in color.chunks_exact_mut(3) {
@@ -87,7 +87,7 @@ fn emitter(subject: &mut Subject, effort: Effort) -> Result<Vec<Measured>> {
         let rows = y - 16..=y + 16;
         rows.flat_map(|row| &values[scene.at(x - 16, row)..scene.at(x + 17, row)]).map(|&v| f64::from(v)).sum()
     };
-    let mut kept = Measured::new("energy within 16 pixels, of the input's", Bound::AtLeast(0.95)).by_weights();
+    let mut kept = Measured::new("energy within 16 pixels, of the input's", Bound::AtLeast(0.95));
     kept.take(energy(&output) / energy(&scene.color), "");
     Ok(vec![kept])
 }

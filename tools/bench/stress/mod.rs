@@ -56,9 +56,9 @@ impl fmt::Display for Bound {
 /// What answers for a figure.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Depends {
-    /// The engine, whatever it was trained to.
+    /// The engine with the network that ships, or with any other: the tests hold it to the bound.
     Engine,
-    /// How well the network was trained. Without a residual ([`subject::without_residual`]) the engine answers alone.
+    /// How well the network was trained: the tests do not.
     Weights,
 }
 

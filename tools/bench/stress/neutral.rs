@@ -126,7 +126,7 @@ fn sun(subject: &mut Subject, radiance: f32, in_noise: bool) -> Result<Vec<Measu
     most.take(sum, "");
     let mut far = Measured::new("the ground 16 pixels away, of the input's", Bound::AtMost(1.5));
     far.take(mean(&output, None, |at| !in_disc(at, 20.0)) / 0.2, "");
-    Ok(vec![least, most, far.by_weights()])
+    Ok(vec![least, most, far])
 }
 
 /// Lone pixels of 500 on 0.2.
@@ -184,12 +184,12 @@ fn black(subject: &mut Subject, _: Effort) -> Result<Vec<Measured>> {
     Ok(vec![most])
 }
 
-/// Nothing is brighter than what came in; how much darker, the network answers for.
+/// Nothing is brighter than what came in, and hardly anything darker.
 fn constant(subject: &mut Subject, _: Effort) -> Result<Vec<Measured>> {
     let output = subject.denoise(&scene(|_, _| [1.0; 3]))?;
     let mut most = Measured::new("the largest sample, of the input's", Bound::AtMost(1.0));
     most.take(output.iter().copied().fold(0.0, f32::max).into(), "");
-    let mut least = Measured::new("the least sample, of the input's", Bound::AtLeast(0.998)).by_weights();
+    let mut least = Measured::new("the least sample, of the input's", Bound::AtLeast(0.998));
     least.take(output.iter().copied().fold(f32::MAX, f32::min).into(), "");
     Ok(vec![most, least])
 }
@@ -200,7 +200,7 @@ fn ramp(subject: &mut Subject, _: Effort) -> Result<Vec<Measured>> {
     let output = subject.denoise(&scene)?;
     let mut end = Measured::new("its brightest column, of the input's", Bound::AtMost(1.0));
     end.take(mean(&output, None, |(x, _)| x == 63) / 4.0, "");
-    let mut moved = Measured::new("root mean square of the change, of the mean", Bound::AtMost(0.005)).by_weights();
+    let mut moved = Measured::new("root mean square of the change, of the mean", Bound::AtMost(0.005));
     let squares = output.iter().zip(&scene.color).map(|(a, b)| f64::from(a - b).powi(2)).sum::<f64>();
     moved.take((squares / output.len() as f64).sqrt() / mean(&scene.color, None, |_| true), "");
     Ok(vec![end, moved])

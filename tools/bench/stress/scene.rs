@@ -124,7 +124,7 @@ impl Scene {
         let place = Place::Arena { block: 0, offset: 0 };
         let buffers =
             sizes.map(|(name, bytes)| Buffer { name: name.into(), bytes, storage: Storage::F32, place: place.clone() });
-        let mut reference = Reference::for_calls(self.extent, &buffers, &Weights::hybrid()?)?;
+        let mut reference = Reference::for_calls(self.extent, &buffers, &Weights::hybrid_kernels()?)?;
         reference.set_frame(&self.frame(), None, 0.0)?;
         for call in [
             Call::StatsClear(Clear { histogram }),

@@ -8,7 +8,7 @@ use std::io::{Read, Write};
 use std::process::{Child, ChildStdin, ChildStdout, Command, Stdio};
 use std::str::FromStr;
 use vkdenoise::kernels::winograd::WinogradTile;
-use vkdenoise::net::{Folds, Graph};
+use vkdenoise::net::{Arch, Folds, Graph};
 use vkdenoise::options::{ConvAlgorithm, SeparableForm};
 use vkdenoise::testing::{Bench, denoiser_with_kernels};
 use vkdenoise::{Converged, ConvergedMode, Denoiser, Device, Layout, Options, PlaneMut, Precision, Weights};
@@ -125,20 +125,23 @@ impl Tier {
     }
 }
 
-/// The same network with an output layer of zeros: the pre- and post-processing alone, what comes in comes out.
+/// The pre- and post-processing of a network alone, what comes in comes out: a Hybrid with a residual, of which the
+/// output layer is zeros.
 ///
 /// # Errors
 /// None for weights that were checked.
-pub fn without_residual(weights: &Weights) -> Result<Weights> {
+pub fn in_and_out_alone(weights: &Weights) -> Result<Weights> {
+    let (arch, preprocessing) = (Arch::hybrid(), weights.preprocessing());
+    let random = Weights::hashed(&arch, preprocessing, 1)?;
     let mut tensors = BTreeMap::new();
-    for spec in Graph::new(weights.arch())?.tensors() {
-        let mut tensor = weights.tensor(&spec.name)?.clone();
+    for spec in Graph::new(&arch)?.tensors() {
+        let mut tensor = random.tensor(&spec.name)?.clone();
         if spec.name.starts_with("output.") {
             tensor.data.fill(0.0);
         }
         tensors.insert(spec.name, tensor);
     }
-    Ok(Weights::from_parts(weights.arch().clone(), weights.preprocessing(), tensors)?)
+    Ok(Weights::from_parts(arch, preprocessing, tensors)?)
 }
 
 /// What is put under stress.

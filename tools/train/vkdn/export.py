@@ -1,4 +1,4 @@
-"""A checkpoint's averaged weights as a weights file: python -m vkdn.export best.pt weights/hybrid.safetensors"""
+"""A checkpoint's averaged weights as a weights file: python -m vkdn.export best.pt weights/hybrid_kernels.safetensors"""
 import argparse
 
 from . import checkpoint, weights

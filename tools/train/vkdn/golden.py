@@ -1,6 +1,6 @@
 """Golden vectors: what PyTorch says a network computes, for the tests of other implementations.
 
-    python -m vkdn.golden shipped FRAME.exr OUT WEIGHTS ...    the shipped weights on two crops of a real frame
+    python -m vkdn.golden trained FRAME.exr OUT WEIGHTS ...    trained weights on two crops of a real frame
     python -m vkdn.golden random FRAME.exr OUT [--arch N] [--head H] [--crop C]   hash weights (see hashweights.py)
 
 Weights are the float16 ones, the arithmetic is float64, results are float32. A crop counts as a whole frame: exposure
@@ -56,7 +56,7 @@ def to_image(t):
     return t[0].permute(1, 2, 0).float().contiguous()
 
 
-def shipped(args):
+def trained(args):
     models = [weights.read(path)[0] for path in args.weights]
     frame = read_planes(args.frame)
     tensors, about = {}, {}
@@ -85,8 +85,8 @@ def random(args):
 def main():
     p = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     commands = p.add_subparsers(required=True)
-    one = commands.add_parser("shipped")
-    one.set_defaults(run=shipped)
+    one = commands.add_parser("trained")
+    one.set_defaults(run=trained)
     two = commands.add_parser("random")
     two.add_argument("--arch", action="append", choices=ARCHITECTURES, help="may be repeated; default: all ten")
     two.add_argument("--head", action="append", choices=HEADS, help="may be repeated; default: the residual")

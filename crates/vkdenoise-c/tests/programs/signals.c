@@ -157,7 +157,7 @@ static void sums_and_places(vkdenoise_denoiser *denoiser) {
   EXPECT(same);
 }
 
-static void refusals(vkdenoise_device *device, vkdenoise_denoiser *denoiser) {
+static void refusals(vkdenoise_device *device, vkdenoise_denoiser *denoiser, const char *residual) {
   const vkdenoise_status invalid = VKDENOISE_STATUS_INVALID_ARGUMENT;
   reset();
   vkdenoise_plane from = plane(key, 0);
@@ -208,7 +208,9 @@ static void refusals(vkdenoise_device *device, vkdenoise_denoiser *denoiser) {
   vkdenoise_options options = VKDENOISE_INIT(vkdenoise_options);
   vkdenoise_denoiser *other;
   options.signals = 1;
-  REFUSED(vkdenoise_denoiser_create(device, &options, &other), invalid, "Quality::High");
+  options.weights_file = residual;
+  REFUSED(vkdenoise_denoiser_create(device, &options, &other), invalid, "predicts no kernels");
+  options.weights_file = NULL;
   options.signals = 2;
   REFUSED(vkdenoise_denoiser_create(device, &options, &other), invalid, "signals is 2");
   options.signals = 0;
@@ -297,18 +299,18 @@ static void tiles(vkdenoise_device *device) {
   free(samples);
 }
 
-int main(void) {
+int main(int count, char **arguments) {
+  if (count != 2) return fputs("give the weights of a network that predicts no kernels\n", stderr), 2;
   vkdenoise_device_options where = VKDENOISE_INIT(vkdenoise_device_options);
   where.device = getenv("VKDENOISE_DEVICE");
   vkdenoise_options options = VKDENOISE_INIT(vkdenoise_options);
-  options.quality = VKDENOISE_QUALITY_HIGH;
   options.signals = 1;
   vkdenoise_device *device;
   vkdenoise_denoiser *denoiser;
   EXPECT(vkdenoise_device_open(&where, &device) == VKDENOISE_STATUS_OK);
   EXPECT(vkdenoise_denoiser_create(device, &options, &denoiser) == VKDENOISE_STATUS_OK);
   sums_and_places(denoiser);
-  refusals(device, denoiser);
+  refusals(device, denoiser, arguments[1]);
   progress(denoiser);
   // What the report has of memory is all that is on the device.
   vkdenoise_denoiser_destroy(denoiser);

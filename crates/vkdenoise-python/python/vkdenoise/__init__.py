@@ -271,7 +271,7 @@ def denoise(
                   ``color`` itself. Where it cannot be written in place, or shares memory with a plane, the result is
                   copied into it.
 
-    What goes with the colour (for ``quality="high"``)
+    What goes with the colour (not with ``weights`` of a network that predicts no kernels)
         Each is filtered by the kernels that are predicted for the color, for about a tenth of the frame's time.
 
         light_groups  a dict of names and arrays of height x width x 3: parts of the color's light. Where they add up
@@ -282,8 +282,10 @@ def denoise(
                       want that are composited.
 
     Options
-        quality        run time against error: "fast", "balanced" or "high". "fast" also skips below 0.02.
-        weights        a safetensors file in place of the quality's network.
+        quality        run time against error: "fast", "balanced" or "high". "fast" skips below 0.02, and keeps feature
+                       maps in halves on a CPU too; "high" is kept for a larger network and today gives what
+                       "balanced" gives.
+        weights        a safetensors file in place of the network that ships.
         precision      "auto", "fp32", "fp16" (feature maps in halves, for half of the memory) or "matrix" (halves in
                        cooperative matrices, where the device has them).
         exposure       the factor that brings the frame to normal brightness; None: from the frame. One for a whole
