@@ -80,7 +80,7 @@ impl Lowering<'_> {
             let flops = flops * count / whole.max(1);
             self.push(&format!("{}.band{number}", op.name), op.stage, flops, call);
             if let Some(dispatch) = self.dispatches.last_mut() {
-                dispatch.band = number;
+                dispatch.band = Some(number);
             }
         }
     }
