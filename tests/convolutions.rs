@@ -40,10 +40,13 @@ fn add_conv_by(
         Shuffle::Unshuffle => cases.target((width / 2, height / 2), 4 * outputs),
         Shuffle::Shuffle => cases.target((2 * width, 2 * height), outputs / 4),
     };
-    // The engine has neither FiLM nor residual before a shuffle.
+    // The engine has no FiLM before a shuffle, and no residual before one that makes maps smaller.
     let plain = shuffle == Shuffle::None;
     let ending = ending(cases, channels);
-    let residual = (plain && ending.residual).then(|| cases.map((width, height), outputs, 1.0));
+    let residual = (shuffle != Shuffle::Unshuffle && ending.residual).then(|| match plain {
+        true => cases.map((width, height), outputs, 1.0),
+        false => cases.map((2 * width, 2 * height), outputs / 4, 1.0),
+    });
     let call = Conv3x3 {
         src,
         dst,

@@ -5,7 +5,7 @@ use super::contracts::{self, halves};
 use super::on_matrices;
 use super::pushes::{Conv3x3Push, LinearPush};
 use super::{
-    Access, Activation, Addresses, Arithmetic, BufferId, Grid, Kernel, KernelTarget, PushBytes, Scale, Shuffle,
+    Access, Activation, Addresses, Arithmetic, BufferId, Footprint, Grid, Kernel, KernelTarget, PushBytes, Scale, Shuffle,
     Storage, TexelRange, Tiles, Traffic, Variant, View, activation_flag, by_storage, flags, groups,
 };
 
@@ -36,7 +36,7 @@ pub struct Conv3x3 {
     pub weights: BufferId,
     /// Vector `[gamma | beta]`.
     pub film: Option<BufferId>,
-    /// Added before the activation. Not with a shuffle.
+    /// Added before the activation: a map like the output, after a pixel shuffle. Not with a pixel unshuffle.
     pub residual: Option<View>,
     /// 1 or 2.
     pub stride: u32,
@@ -155,12 +155,12 @@ impl Kernel for Conv3x3 {
 
     fn maps(&mut self, visit: &mut dyn FnMut(&mut View, Access)) {
         visit(&mut self.src, Access::around(self.stride, 1));
-        self.residual.iter_mut().for_each(|residual| visit(residual, Access::Residual));
-        let scale = match self.shuffle {
-            Shuffle::None => Scale::Same,
-            Shuffle::Shuffle => Scale::Double,
-            Shuffle::Unshuffle => Scale::Half,
+        let (added, scale) = match self.shuffle {
+            Shuffle::None => (Access::Residual, Scale::Same),
+            Shuffle::Shuffle => (Access::Read(Footprint::Finer), Scale::Double),
+            Shuffle::Unshuffle => (Access::Residual, Scale::Half),
         };
+        self.residual.iter_mut().for_each(|residual| visit(residual, added));
         visit(&mut self.dst, Access::Write(scale));
     }
 

@@ -6,20 +6,12 @@ use super::maps::normalise;
 use super::matrix::Matrix;
 use super::parameters::Parameters;
 use crate::kernels::dense::{Conv3x3, Linear};
-use crate::kernels::{Activation, BufferId, Shuffle, View};
+use crate::kernels::{Activation, BufferId, Shuffle};
 
-/// `shuffle(act(film(conv3x3(src) + bias) + residual))`.
+/// `shuffle(act(film(conv3x3(src) + bias) + residual))`, the residual a map like the result.
 pub fn conv3x3(reference: &mut Reference, call: &Conv3x3) {
     let src = reference.map(&call.src);
-    let mut result = reference.matrix(call.weights).apply(&src, call.stride as usize, call.channels as usize);
-    reference.finish(&mut result, call.film, call.residual.as_ref(), call.activation);
-    let (width, height) = call.result_size();
-    let tiles = reference.tiles(&call.tiles, width, height);
-    reference.store(&result, &call.dst, &tiles, |x, y, channel| match call.shuffle {
-        Shuffle::None => (x, y, channel),
-        Shuffle::Shuffle => (2 * x + channel % 2, 2 * y + channel % 4 / 2, channel / 4),
-        Shuffle::Unshuffle => (x / 2, y / 2, 4 * channel + 2 * (y % 2) + x % 2),
-    });
+    reference.convolution(&src, call);
 }
 
 /// `act(film(W norm([src | src_b]) + bias) + residual)`.
@@ -35,10 +27,28 @@ pub fn linear(reference: &mut Reference, call: &Linear) {
 }
 
 impl Reference<'_> {
+    /// A convolution of a map instead of its own source.
+    pub(super) fn convolution(&mut self, src: &Map, call: &Conv3x3) {
+        let mut result = self.matrix(call.weights).apply(src, call.stride as usize, call.channels as usize);
+        let residual = call.residual.as_ref().map(|residual| match call.shuffle {
+            Shuffle::Shuffle => self.map(residual).unshuffled(),
+            Shuffle::None | Shuffle::Unshuffle => self.map(residual),
+        });
+        self.finish(&mut result, call.film, residual, call.activation);
+        let (width, height) = call.result_size();
+        let tiles = self.tiles(&call.tiles, width, height);
+        self.store(&result, &call.dst, &tiles, |x, y, channel| match call.shuffle {
+            Shuffle::None => (x, y, channel),
+            Shuffle::Shuffle => (2 * x + channel % 2, 2 * y + channel % 4 / 2, channel / 4),
+            Shuffle::Unshuffle => (x / 2, y / 2, 4 * channel + 2 * (y % 2) + x % 2),
+        });
+    }
+
     /// A Linear on a map instead of its own sources.
     pub(super) fn pointwise(&mut self, src: &Map, call: &Linear) {
         let mut result = self.matrix(call.weights).apply(src, 1, call.dst.channels as usize);
-        self.finish(&mut result, call.film, call.residual.as_ref(), call.activation);
+        let residual = call.residual.as_ref().map(|residual| self.map(residual));
+        self.finish(&mut result, call.film, residual, call.activation);
         let tiles = self.tiles(&call.tiles, call.dst.width, call.dst.height);
         self.store(&result, &call.dst, &tiles, |x, y, channel| (x, y, channel));
     }
@@ -51,7 +61,7 @@ impl Reference<'_> {
     }
 
     /// What follows the sum: FiLM, the residual, the activation.
-    fn finish(&self, sums: &mut Map, film: Option<BufferId>, residual: Option<&View>, activation: Activation) {
+    fn finish(&self, sums: &mut Map, film: Option<BufferId>, residual: Option<Map>, activation: Activation) {
         let channels = sums.channels;
         if let Some(film) = film {
             let (gamma, beta) = self.buffer(film).split_at(channels);
@@ -62,7 +72,7 @@ impl Reference<'_> {
             }
         }
         if let Some(residual) = residual {
-            for (value, residual) in sums.values.iter_mut().zip(self.map(residual).values) {
+            for (value, residual) in sums.values.iter_mut().zip(residual.values) {
                 *value += residual;
             }
         }

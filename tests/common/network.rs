@@ -99,7 +99,7 @@ pub fn run_and_assert_shares(reference: &mut Reference, plan: &Plan, weights: &W
             }
             _ => continue,
         };
-        if residual.is_none() || name.starts_with("aux_proj") || name.starts_with("skip") {
+        if residual.is_none() || name.starts_with("aux_proj") || name.starts_with("up.") {
             continue;
         }
         shares.push((name.clone(), change_without(reference, i, &src, &dst)));
