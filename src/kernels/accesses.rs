@@ -310,11 +310,12 @@ fn token_sum(call: &TokenSum) -> Accesses {
     let vectors = u64::from(call.src.channels / 4);
     // Of its first way an invocation keeps its own.
     let (ways, sums) = (u64::from(SUM_INVOCATIONS) / vectors, call.sums());
+    // Mean, variance and sum each load a token; norms lie in shared memory.
     Accesses {
-        global_loads: call.real_tokens() * vectors,
+        global_loads: 3 * call.real_tokens() * vectors,
         global_stores: sums * vectors,
-        shared_loads: 4 * sums * vectors * (ways - 1),
-        shared_stores: 4 * sums * u64::from(SUM_INVOCATIONS),
+        shared_loads: 4 * sums * vectors * (ways - 1) + call.real_tokens() * vectors,
+        shared_stores: 4 * sums * u64::from(SUM_INVOCATIONS) + call.real_tokens(),
     }
 }
 

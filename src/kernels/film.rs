@@ -18,7 +18,9 @@ const MIN_TOKENS_PER_SUM: u64 = 64;
 /// Invocations of a partial sum's workgroup.
 pub(super) const SUM_INVOCATIONS: u32 = 256;
 
-/// Level one: sums of consecutive tokens, row by row, of the part of a map that holds pixels of the unpadded frame.
+/// Level one: sums of consecutive tokens, row by row, of the part of a map that holds pixels of the unpadded frame. Every
+/// token is brought to mean 0 and variance 1 over its channels first (eps 1e-5); gain and bias are in the weights of level
+/// two.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TokenSum {
     /// Input.
@@ -161,7 +163,7 @@ pub struct FilmVector {
     pub counts: Option<BufferId>,
     /// Channels of the mean, at most 512.
     pub channels: u32,
-    /// Packed `[bias | W]`, W row by row.
+    /// Packed `[bias | W]`, W row by row ([`crate::plan::pack::Pack::FilmVector`]).
     pub weights: BufferId,
     /// The vector `[gamma | beta]`, 32-bit.
     pub dst: BufferId,

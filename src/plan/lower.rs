@@ -87,11 +87,13 @@ fn map_too_large(extent: Extent, bytes: u64, options: &Target) -> Error {
     Error::FrameTooLarge { width: extent.width, height: extent.height, reason }
 }
 
-/// A mean that the next kernel finishes: partial sums.
+/// A mean that the next kernel finishes: partial sums of normed tokens, without the norm's gain and bias.
 pub(super) struct Partials {
     pub buffer: BufferId,
     pub sums: u64,
     pub tokens: u64,
+    /// Tensor prefix of the norm.
+    pub norm: String,
 }
 
 pub(super) struct Lowering<'a> {

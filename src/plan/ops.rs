@@ -136,31 +136,22 @@ impl Lowering<'_> {
                 Call::WindowAttention(attention)
             }
             OpKind::FilmMean { input, norm, output } => {
-                // Normed in a map of its own, then summed.
-                let source = self.view(*input);
-                let normed = View {
-                    buffer: self.scratch(&format!("{}.normed", op.name), source.bytes(), source.storage),
-                    first: 0,
-                    stride: source.channels,
-                    ..source
-                };
-                let norm = self.layer_norm(*input, norm, normed);
-                self.push(&op.name, op.stage, 0, norm);
-                let stride = self.padded.width / source.width;
+                let src = self.view(*input);
+                let stride = self.padded.width / src.width;
                 let mut sum = film::TokenSum {
-                    src: normed,
+                    src,
                     real_width: self.extent.width.div_ceil(stride),
                     real_height: self.extent.height.div_ceil(stride),
-                    dst: normed.buffer,
+                    dst: src.buffer,
                     computed: None,
                 };
                 let bytes = match self.options.of_tile {
-                    true => film::TokenSum::most_bytes(normed.channels),
+                    true => film::TokenSum::most_bytes(src.channels),
                     false => sum.sums_bytes(),
                 };
                 sum.dst = self.scratch(&format!("{}.partials", op.name), bytes, Storage::F32);
-                let partials = Partials { buffer: sum.dst, sums: sum.sums(), tokens: sum.real_tokens() };
-                self.partials.insert(*output, partials);
+                let (sums, tokens, norm) = (sum.sums(), sum.real_tokens(), norm.clone());
+                self.partials.insert(*output, Partials { buffer: sum.dst, sums, tokens, norm });
                 Call::TokenSum(sum)
             }
             OpKind::KernelInputs { head, early, tokens, color, residual, albedo, levels, output, taps } => {
@@ -214,7 +205,8 @@ impl Lowering<'_> {
             OpKind::FilmVector { input, weight, output } => {
                 let inputs = self.graph.whole(*input).channels;
                 let outputs = self.graph.whole(*output).channels;
-                let weights = self.pack(weight, Pack::FilmVector { weight: weight.clone(), inputs, outputs });
+                let norm = self.partials[input].norm.clone();
+                let weights = self.pack(weight, Pack::FilmVector { weight: weight.clone(), norm, inputs, outputs });
                 let dst = self.value(*output);
                 let partials = &self.partials[input];
                 Call::FilmVector(film::FilmVector {

@@ -1,14 +1,16 @@
 //! Twins of the kernels that make the FiLM vectors ([`crate::kernels::film`]).
 
 use super::Reference;
+use super::maps::normalise;
 use super::parameters::Parameters;
 use super::converged::is_sampled;
 use crate::kernels::film::{FilmVector, TokenSum};
 use crate::kernels::converged::MAP_TILE;
 
-/// Sums of consecutive real tokens, row by row, of those that there are.
+/// Sums of consecutive real tokens, each normed, row by row, of those that there are.
 pub fn token_sum(reference: &mut Reference, call: &TokenSum) {
-    let src = reference.map(&call.src);
+    let mut src = reference.map(&call.src);
+    src.values.chunks_exact_mut(src.channels).for_each(normalise);
     let (width, height) = (call.real_width as usize, call.real_height as usize);
     let real: Vec<_> = (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).collect();
     let kind = |x: usize, y: usize| match &call.computed {
