@@ -61,6 +61,8 @@ impl Call {
         let Variant { contract, special, .. } = *variant;
         Some(match self {
             Self::Conv3x3(k) if contract.needs_matrix() => matrix::conv3x3(k, special),
+            // Gain and bias stay in registers.
+            Self::NormedConv3x3(k) => matrix::conv3x3(&k.conv, special),
             Self::Linear(k) if contract.needs_matrix() => matrix::linear(k, special),
             Self::Separable3x3(k) if contract.needs_matrix() => matrix::separable3x3(k, special),
             Self::WindowAttention(k) if contract.needs_matrix() => matrix::window_attention(k),

@@ -2,7 +2,7 @@
 
 use super::{
     Access, Grid, Kernel, Tiles, Traffic, View, attention_block, aux_projection, dense, expand, film, frame_io, maps,
-    predicted, converged, separable, signals, stats, unembed, window_attention, winograd,
+    normed_conv, predicted, converged, separable, signals, stats, unembed, window_attention, winograd,
 };
 
 /// Declares [`Call`]: a variant of the enum for each kernel.
@@ -37,6 +37,8 @@ calls! {
     Conv3x3(dense::Conv3x3),
     /// The same by Winograd's minimal filtering.
     Winograd3x3(winograd::Winograd3x3),
+    /// Layer normalisation and dense 3x3 convolution in one.
+    NormedConv3x3(normed_conv::NormedConv3x3),
     /// Pointwise convolution.
     Linear(dense::Linear),
     /// Depthwise 3x3 convolution.

@@ -76,7 +76,7 @@ impl Conv3x3 {
         special.filter(|_| on_matrices::can_load([src])).map(|special| (contract, special))
     }
 
-    fn chosen(&self) -> Option<(&'static Contract, Specialisation)> {
+    pub(super) fn chosen(&self) -> Option<(&'static Contract, Specialisation)> {
         self.on_matrices().filter(|_| self.arithmetic == Arithmetic::Matrices)
     }
 

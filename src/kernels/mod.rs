@@ -16,6 +16,7 @@ pub mod expand;
 pub mod film;
 pub mod frame_io;
 pub mod maps;
+pub mod normed_conv;
 pub mod on_matrices;
 pub mod planes;
 pub mod predicted;

@@ -11,6 +11,7 @@ mod features;
 mod fuse;
 mod hazards;
 mod lower;
+mod normed_conv;
 mod ops;
 pub mod pack;
 mod placing;

@@ -20,6 +20,9 @@ impl Lowering<'_> {
         if let Some(block) = self.attention_block(at) {
             return block;
         }
+        if let Some(conv) = self.normed_conv(at) {
+            return conv;
+        }
         let graph = self.graph;
         let op = &graph.ops[at];
         let (call, flops) = (self.op(op), self.flops(op));

@@ -46,19 +46,27 @@ impl Reference<'_> {
     }
 }
 
+impl Reference<'_> {
+    /// A layer normalisation's result, not stored.
+    pub(super) fn normed(&self, call: &LayerNorm) -> Map {
+        let mut map = self.map(&call.src);
+        let weights = match self.parameters(call.weights) {
+            Parameters::Norm(weights) => weights,
+            other => unreachable!("layer_norm is given {other:?}"),
+        };
+        for token in map.values.chunks_exact_mut(map.channels) {
+            normalise(token);
+            for (value, (gain, bias)) in token.iter_mut().zip(weights) {
+                *value = *value * gain + bias;
+            }
+        }
+        map
+    }
+}
+
 /// Every token to mean 0 and variance 1 over its channels, then gain and bias.
 pub fn layer_norm(reference: &mut Reference, call: &LayerNorm) {
-    let mut map = reference.map(&call.src);
-    let weights = match reference.parameters(call.weights) {
-        Parameters::Norm(weights) => weights,
-        other => unreachable!("layer_norm is given {other:?}"),
-    };
-    for token in map.values.chunks_exact_mut(map.channels) {
-        normalise(token);
-        for (value, (gain, bias)) in token.iter_mut().zip(weights) {
-            *value = *value * gain + bias;
-        }
-    }
+    let map = reference.normed(call);
     let tiles = reference.tiles(&call.tiles, call.dst.width, call.dst.height);
     reference.store(&map, &call.dst, &tiles, |x, y, channel| (x, y, channel));
 }

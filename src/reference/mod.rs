@@ -12,6 +12,7 @@ mod film;
 mod frame_io;
 mod map;
 mod maps;
+mod normed_conv;
 mod matrix;
 mod parallel;
 mod parameters;
@@ -170,6 +171,7 @@ impl<'a> Reference<'a> {
         match call {
             Call::Conv3x3(k) => dense::conv3x3(self, k),
             Call::Winograd3x3(k) => dense::conv3x3(self, &k.conv),
+            Call::NormedConv3x3(k) => normed_conv::normed_conv3x3(self, k),
             Call::Linear(k) => dense::linear(self, k),
             Call::Depthwise3x3(k) => maps::depthwise3x3(self, k),
             Call::Separable3x3(k) => separable::separable3x3(self, k),
