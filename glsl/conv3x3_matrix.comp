@@ -1,5 +1,6 @@
 // Dense 3x3 convolution of halves, zero padding, stride STRIDE, on cooperative matrices, the sums in 32-bit floats;
-// with the epilogue of the other convolutions.
+// with the epilogue of the other convolutions. With NORM every token is brought to mean 0 and variance 1 over its
+// channels first, then takes gain and bias; all of its channels are staged at once.
 //
 // The inputs of one column of taps, kx, are staged as rows of eight tokens that lie STRIDE apart. So the tokens of a
 // tile follow one another for every ky, and a matrix of any number of rows begins at any of them. For stride 2 the even
@@ -22,6 +23,9 @@ layout(push_constant) uniform Push {
     Weights film;         // [gamma | beta] with FLAG_FILM
     Residual residual;    // with FLAG_RESIDUAL
     TileList tiles;       // with FLAG_TILE_LIST
+#ifdef NORM
+    Weights norm;         // [gain | bias]
+#endif
     uint src_width;
     uint src_height;
     uint src_stride;      // strides and channel counts in vectors of four
@@ -46,6 +50,21 @@ const uint BLOCKS = INPUTS / 16u;               // of weights, of a tap
 const uint STAGED_BLOCKS = 4u / TILES * 3u * BLOCKS;
 #include "shared/matrix_dense.glsl"
 #include "shared/conv_store.glsl"
+#ifdef NORM
+#define NORMED_VECTORS VECTORS
+#include "shared/norm_share.glsl"
+
+// Eight channels of a token, normed.
+uvec4 normed(uvec4 halves, vec4 gain[2], vec4 bias[2]) {
+    vec4 low, high;
+    unpack_halves(halves, low, high);
+    float mean = mean_of(norm_sum(low + high), 2u * VECTORS);
+    low -= mean;
+    high -= mean;
+    float scale = scale_of(norm_sum(low * low + high * high), 2u * VECTORS);
+    return pack_halves(low * scale * gain[0] + bias[0], high * scale * gain[1] + bias[1]);
+}
+#endif
 
 // Where a row of the source that begins `row` below the tile's first one is staged.
 uint staged_row(uint row) {
@@ -60,6 +79,12 @@ void stage(uint rows, uvec2 origin, uint first, uint kx) {
     Vectors from = Vectors(src);
     // What is less than zero is more than any size.
     uvec2 corner = origin * STRIDE + uvec2(kx, 0u) - 1u;
+#ifdef NORM
+    // An invocation stages the same channels of every token.
+    uint part = 2u * (tile_lane % VECTORS);
+    vec4 gain[2] = vec4[](norm.v[part], norm.v[part + 1u]);
+    vec4 bias[2] = vec4[](norm.v[2u * VECTORS + part], norm.v[2u * VECTORS + part + 1u]);
+#endif
     [[dont_unroll]] for (uint begin = tile_lane; begin < STAGED; begin += LOADS * TILE_LANES) {
         uvec4 halves[LOADS];
         [[unroll]] for (uint n = 0u; n < LOADS; ++n) {
@@ -72,6 +97,11 @@ void stage(uint rows, uvec2 origin, uint first, uint kx) {
         [[unroll]] for (uint n = 0u; n < LOADS; ++n) {
             uint i = begin + n * TILE_LANES;
             uint to = (staged_row(i / VECTORS / 8u) * 8u + i / VECTORS % 8u) * TOKEN + i % VECTORS;
+#ifdef NORM
+            uvec2 at = corner + uvec2(i / VECTORS % 8u, i / VECTORS / 8u);
+            bool inside = all(lessThan(at, uvec2(src_width, src_height)));
+            halves[n] = mix(uvec4(0u), normed(halves[n], gain, bias), bvec4(inside));
+#endif
             if (i < STAGED) staged[rows + to] = halves[n];
         }
     }

@@ -85,11 +85,13 @@ impl Engine {
     }
 
     /// The plan of a frame size in an arena that is there. Where it takes more than that, as frames just below the size
-    /// from which on chains run in bands do, it is made in narrower bands: the bits are the same.
+    /// from which on chains run in bands do, it is made without dispatches side by side, then in narrower bands: the
+    /// bits are the same.
     pub fn plan_in(&self, extent: Extent, blocks: &[u64]) -> Result<Plan> {
         let mut target = self.target;
         loop {
             match plan_in(&self.graph, extent, &target, blocks) {
+                Err(Error::FrameTooLarge { .. }) if target.overlap_bytes > 0 => target.overlap_bytes = 0,
                 Err(Error::FrameTooLarge { .. }) if target.max_chain_bytes > LEAST_CHAIN_BYTES => {
                     let narrower = target.max_chain_bytes.min(MOST_CHAIN_BYTES) / 2;
                     target.max_chain_bytes = narrower.max(LEAST_CHAIN_BYTES);
@@ -111,7 +113,7 @@ impl Engine {
 
     fn narrow_target(&self) -> Target {
         let most = (self.most_bytes() / BANDS_A_BUDGET).max(LEAST_CHAIN_BYTES);
-        Target { max_chain_bytes: self.target.max_chain_bytes.min(most), ..self.target }
+        Target { max_chain_bytes: self.target.max_chain_bytes.min(most), overlap_bytes: 0, ..self.target }
     }
 
     /// What the plans of tiles are made for: the larger they are, the less of them overlaps.

@@ -44,6 +44,19 @@ pub struct Target {
     /// Bytes that a map between consecutive operations may take; where it would take more, they run band by band of the
     /// frame. Not where converged tiles are left out.
     pub max_chain_bytes: u64,
+    /// Bytes of a buffer up to which dispatches that do not depend on each other run side by side; those that touch a
+    /// larger one keep the network's order, in which least memory is needed at once.
+    pub overlap_bytes: u64,
+}
+
+/// [`Target::overlap_bytes`] where nothing is said. On matrices what touches more keeps the largest GPU busy for as long
+/// as a wait takes (32 MiB: 11 us of an H100's memory): running beside others would gain little, and take more memory.
+/// On ordinary cores kernels take four times as long.
+pub const fn overlap_bytes(arithmetic: Arithmetic) -> u64 {
+    match arithmetic {
+        Arithmetic::Floats => 8 << 20,
+        Arithmetic::Matrices => 32 << 20,
+    }
 }
 
 /// [`Target::max_chain_bytes`] where nothing is said. Smaller bands compute more twice, larger ones take more memory:
@@ -75,6 +88,7 @@ impl Default for Target {
             storage: Storage::F32,
             arithmetic: Arithmetic::Floats,
             max_chain_bytes: max_chain_bytes(Storage::F32, Arithmetic::Floats),
+            overlap_bytes: overlap_bytes(Arithmetic::Floats),
         }
     }
 }
@@ -88,8 +102,8 @@ impl Target {
             // No kernel holds all channels of a token, and a norm would be found anew for every 32 outputs.
             Arithmetic::Floats => (Folds::EVERYWHERE, SeparableForm::TwoKernels),
         };
-        let max_chain_bytes = max_chain_bytes(storage, arithmetic);
-        Self { folds, separable, storage, arithmetic, max_chain_bytes, ..Self::default() }
+        let (max_chain_bytes, overlap_bytes) = (max_chain_bytes(storage, arithmetic), overlap_bytes(arithmetic));
+        Self { folds, separable, storage, arithmetic, max_chain_bytes, overlap_bytes, ..Self::default() }
     }
 }
 

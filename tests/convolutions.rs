@@ -2,12 +2,14 @@
 
 mod common;
 
-use common::case::{Cases, KERNEL_LIMIT, MATRIX_LIMIT, STORAGES, worth_compiling};
+use common::case::{Cases, KERNEL_LIMIT, MATRIX_LIMIT, STORAGES, small_net, worth_compiling};
 use common::dense::{dense_cases, ending, size};
 use vkdenoise::kernels::dense::Conv3x3;
+use vkdenoise::kernels::maps::LayerNorm;
+use vkdenoise::kernels::normed_conv::NormedConv3x3;
 use vkdenoise::kernels::winograd::{Winograd3x3, WinogradTile};
-use vkdenoise::kernels::{Arithmetic, Call, Shuffle, Storage};
-use vkdenoise::net::ConvWeight;
+use vkdenoise::kernels::{Arithmetic, Call, Shuffle, Storage, Tiles};
+use vkdenoise::net::{Block, ConvWeight};
 use vkdenoise::plan::pack::Pack;
 
 fn add_conv(cases: &mut Cases, (inputs, outputs): (u32, u32), stride: u32, shuffle: Shuffle) {
@@ -40,10 +42,13 @@ fn add_conv_by(
         Shuffle::Unshuffle => cases.target((width / 2, height / 2), 4 * outputs),
         Shuffle::Shuffle => cases.target((2 * width, 2 * height), outputs / 4),
     };
-    // The engine has neither FiLM nor residual before a shuffle.
+    // The engine has no FiLM before a shuffle, and no residual before one that makes maps smaller.
     let plain = shuffle == Shuffle::None;
     let ending = ending(cases, channels);
-    let residual = (plain && ending.residual).then(|| cases.map((width, height), outputs, 1.0));
+    let residual = (shuffle != Shuffle::Unshuffle && ending.residual).then(|| match plain {
+        true => cases.map((width, height), outputs, 1.0),
+        false => cases.map((2 * width, 2 * height), outputs / 4, 1.0),
+    });
     let call = Conv3x3 {
         src,
         dst,
@@ -131,6 +136,40 @@ fn conv3x3_on_matrices() {
         add_conv(&mut cases, channels, 1, Shuffle::Shuffle);
     }
     cases.check("conv3x3", MATRIX_LIMIT);
+}
+
+/// Convolutions that norm what they stage, of all channels that they can at once.
+#[test]
+fn normed_conv3x3_on_matrices() {
+    for (inputs, all) in worth_compiling(&[(32, [32, 64, 100]), (16, [8, 40, 128])], 1) {
+        let mut cases = Cases::new(5, small_net(inputs, Block::Jsa));
+        (cases.storage, cases.arithmetic) = (Storage::F16, Arithmetic::Matrices);
+        for outputs in worth_compiling(&all, 1).repeat(4) {
+            let size = size(&mut cases, 8);
+            let src = cases.map(size, inputs, 3.0);
+            let dst = cases.target(size, outputs);
+            let (weight, bias) = (ConvWeight::Tensor("bottleneck.0.ffn.expand".into()), cases.random.coin());
+            let ending = ending(&mut cases, outputs);
+            let residual = ending.residual.then(|| cases.map(size, outputs, 1.0));
+            let norm = Pack::Norm { norm: "enc.0.0.norm1".into(), channels: inputs };
+            let norm = LayerNorm { src, dst: src, weights: cases.pack(norm), tiles: Tiles::All };
+            let conv = Conv3x3 {
+                src,
+                dst,
+                channels: outputs,
+                weights: cases.dense_pack(Pack::Conv3x3 { weight, bias, inputs, outputs, shuffle: false }),
+                film: ending.film,
+                residual,
+                stride: 1,
+                activation: ending.activation,
+                shuffle: Shuffle::None,
+                tiles: cases.tiles(size),
+                arithmetic: cases.arithmetic,
+            };
+            cases.add(Call::NormedConv3x3(NormedConv3x3::joined(norm, conv).unwrap()), dst.buffer);
+        }
+        cases.check("conv3x3 of normed tokens", MATRIX_LIMIT);
+    }
 }
 
 /// Every form of convolution by Winograd's filtering.

@@ -269,7 +269,9 @@ fn layer_norm_without_variance() {
 fn film_mean_of_many_tokens() {
     let (base, side) = (8, 8192);
     let weights = small_net(base, Block::FilmCnn { conv: Convolution::Standard });
+    // Of every token the last channels are the larger ones.
     let row = Random::new(7).values(side as usize * base as usize, 0.5, 3.0);
+    let row: Vec<f32> = row.iter().enumerate().map(|(i, value)| value + (i % base as usize) as f32).collect();
     // Rows that are nothing apart.
     let src = View {
         buffer: BufferId(0),
@@ -284,7 +286,8 @@ fn film_mean_of_many_tokens() {
     let sum = TokenSum { src, real_width: side, real_height: side, dst: BufferId(1), computed: None };
     assert_eq!(sum.real_tokens(), 1 << 26);
     let outputs = 2 * base;
-    let pack = Pack::FilmVector { weight: "enc.0.0.film".into(), inputs: base, outputs };
+    let pack =
+        Pack::FilmVector { weight: "enc.0.0.film".into(), norm: "enc.0.0.norm1_f".into(), inputs: base, outputs };
     let bytes = 4 * pack.len() as u64;
     let buffers = [
         arena("row", row.len() as u64),
@@ -302,9 +305,15 @@ fn film_mean_of_many_tokens() {
         dst: BufferId(2),
         outputs,
     };
-    let mean =
-        (0..base as usize).map(|c| row.iter().skip(c).step_by(base as usize).map(|&v| f64::from(v)).sum::<f64>());
-    let mean: Vec<f64> = mean.map(|sum| sum / f64::from(side)).collect();
+    let mut mean = vec![0.0; base as usize];
+    for token in row.chunks_exact(base as usize) {
+        let average = |of: &dyn Fn(f64) -> f64| token.iter().map(|&v| of(v.into())).sum::<f64>() / f64::from(base);
+        let middle = average(&|v| v);
+        let scale = 1.0 / (average(&|v| (v - middle).powi(2)) + 1e-5).sqrt();
+        for (mean, &value) in mean.iter_mut().zip(token) {
+            *mean += (f64::from(value) - middle) * scale / f64::from(side);
+        }
+    }
     // The reference's second step alone, of a single partial sum.
     let one = FilmVector { sums: 1, tokens: 1, ..vector.clone() };
     let mut reference = Reference::for_calls(Extent::new(1, 1), &buffers, &weights).unwrap();

@@ -53,7 +53,8 @@ fn film_means_of_a_sample() {
         let computed =
             Computed { map: BufferId(map), columns: squares.columns, token_pixels, sample, counts: BufferId(counts) };
         let sum = TokenSum { src: view, real_width, real_height, dst: BufferId(dst), computed: Some(computed) };
-        let pack = Pack::FilmVector { weight: "enc.0.0.film".into(), inputs: 32, outputs: 64 };
+        let pack =
+            Pack::FilmVector { weight: "enc.0.0.film".into(), norm: "enc.0.0.norm1_f".into(), inputs: 32, outputs: 64 };
         let sizes = [view.tokens() * 40, sum.sums_bytes() / 4, u64::from(squares.tiles()), 2 * sum.sums()];
         let mut buffers = words(&[&sizes[..], &[pack.len() as u64, 64, 64]].concat());
         buffers[weights].place = Place::Weights { pack, offset: 0 };

@@ -313,10 +313,10 @@ fn film_means_and_vectors() {
             let blocks = [("enc.0.0", 1), ("enc.1.0", 2), ("bottleneck.0", 4)];
             for (sums, (block, times)) in [1, 3, 33, 70, 1000, 4096].into_iter().zip(blocks.repeat(2)) {
                 let (channels, outputs) = (times * base, 2 * times * base);
-                let weight = format!("{block}.film");
+                let (weight, norm) = (format!("{block}.film"), format!("{block}.norm1_f"));
                 let partials = cases.random.values(sums as usize * channels as usize, -50.0, 60.0);
                 let partials = cases.filled("partials", partials);
-                let weights = cases.pack(Pack::FilmVector { weight, inputs: channels, outputs });
+                let weights = cases.pack(Pack::FilmVector { weight, norm, inputs: channels, outputs });
                 let dst = cases.empty("film", outputs as usize);
                 let tokens = 64 * sums;
                 let call = FilmVector { partials, sums, tokens, counts: None, channels, weights, dst, outputs };

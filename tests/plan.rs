@@ -94,6 +94,66 @@ fn every_conflict_has_a_barrier_and_every_barrier_a_conflict() {
     }
 }
 
+/// Side by side, dispatches wait as often as the longest chain of dependencies has links: no wait is due to memory that
+/// maps share.
+#[test]
+fn independent_dispatches_share_a_wait() {
+    let waits = |list: &[Dispatch]| list.iter().filter(|dispatch| dispatch.barrier).count();
+    for head in [Head::Residual, Head::pure()] {
+        let graph = Graph::new(&Arch { head, ..Arch::hybrid() }).unwrap();
+        for target in [Target::default(), Target::for_gpu(Storage::F16, Arithmetic::Matrices)] {
+            let of = |overlap_bytes| plan(&graph, Extent::new(256, 256), &Target { overlap_bytes, ..target }).unwrap();
+            let (serial, side_by_side) = (of(0), of(u64::MAX));
+            for (before, after) in lists(&serial).into_iter().zip(lists(&side_by_side)) {
+                let (fewer, most) = (waits(after), waits(before));
+                println!("{:?}, {:?}: {most} waits, {fewer} side by side", graph.arch.head, target.storage);
+                assert!(fewer + 8 <= most, "{fewer} of {most}");
+                assert_eq!(fewer, longest_chain(after) - 1);
+                let names = |list: &[Dispatch]| {
+                    let mut names: Vec<_> = list.iter().map(|d| (d.name.clone(), d.call.clone(), d.flops)).collect();
+                    names.sort_by(|a, b| a.0.cmp(&b.0).then(format!("{:?}", a.1).cmp(&format!("{:?}", b.1))));
+                    names
+                };
+                assert_eq!(names(before), names(after), "the same work");
+            }
+        }
+    }
+}
+
+/// The most dispatches of which each must follow the one before: it reads or overwrites what that writes, or overwrites
+/// what that reads. The output follows all.
+fn longest_chain(list: &[Dispatch]) -> usize {
+    let mut lengths: Vec<usize> = Vec::new();
+    for (at, dispatch) in list.iter().enumerate() {
+        let own = dispatch.traffic();
+        let meets = |a: &[(BufferId, u64)], b: &[(BufferId, u64)]| a.iter().any(|x| b.iter().any(|y| x.0 == y.0));
+        let before = list[..at].iter().zip(&lengths).filter(|(earlier, _)| {
+            let other = earlier.traffic();
+            let last = matches!(dispatch.call, Call::Output(_));
+            last || meets(&own.reads, &other.writes)
+                || meets(&own.writes, &other.writes)
+                || meets(&own.writes, &other.reads)
+        });
+        lengths.push(1 + before.map(|(_, length)| *length).max().unwrap_or(0));
+    }
+    lengths.into_iter().max().unwrap_or(0)
+}
+
+/// Where maps are large, dispatches side by side would need more memory: they keep their order.
+#[test]
+fn side_by_side_takes_little_memory() {
+    for head in [Head::Residual, Head::pure()] {
+        let graph = Graph::new(&Arch { head, ..Arch::hybrid() }).unwrap();
+        let target = Target::for_gpu(Storage::F16, Arithmetic::Matrices);
+        for (width, height, most) in [(256, 256, 1.0), (1024, 1024, 1.0), (1920, 1080, 1.13), (3840, 2160, 1.0)] {
+            let of = |target: &Target| plan(&graph, Extent::new(width, height), target).unwrap().blocks.iter().sum();
+            let [serial, own]: [u64; 2] = [of(&Target { overlap_bytes: 0, ..target }), of(&target)];
+            println!("{:?}, {width}x{height}: {own} bytes, {serial} one by one", graph.arch.head);
+            assert!(own as f64 <= most * serial as f64, "{width}x{height}: {own} of {serial}");
+        }
+    }
+}
+
 #[test]
 fn what_is_read_was_written_and_not_overwritten() {
     // Without features, a frame of the first multiple is as small as can be for some networks.
@@ -228,7 +288,8 @@ fn dense_kernels_have_a_variant_on_matrices() {
                 Call::Conv3x3(k) => k.channels > 4,
                 // A power of two of invocations share a normed token of whole matrices.
                 Call::Linear(k) => !k.norm || (k.src.channels.is_power_of_two() && k.src.channels >= 16),
-                Call::Separable3x3(_) | Call::AuxProjection(_) | Call::AttentionBlock(_) | Call::Unembed(_) => true,
+                Call::NormedConv3x3(_) | Call::Separable3x3(_) | Call::AuxProjection(_) => true,
+                Call::AttentionBlock(_) | Call::Unembed(_) => true,
                 // Whole vectors of keys and whole matrices of values, and no more than an invocation has registers for.
                 Call::WindowAttention(k) => {
                     let whole = k.key_width.is_multiple_of(8) && k.value_width.is_multiple_of(16);

@@ -1,17 +1,8 @@
 // Tokens brought to mean 0 and variance 1 over their channels while they are staged. A kernel defines before it includes
 // this NORMED_VECTORS, vectors of eight channels, a power of two.
-#extension GL_KHR_shader_subgroup_shuffle : require
-#include "shared/norm.glsl"
+#include "shared/norm_share.glsl"
 
-const uint NORM_SHARE = NORMED_VECTORS < 4u ? NORMED_VECTORS : 4u; // invocations that share a token
 const uint NORM_EACH = NORMED_VECTORS / NORM_SHARE;
-
-// The sum over the invocations that share a token, the same bits in each.
-vec4 norm_sum(vec4 sum) {
-    if (NORM_SHARE > 1u) sum += subgroupShuffleXor(sum, 1u);
-    if (NORM_SHARE > 2u) sum += subgroupShuffleXor(sum, 2u);
-    return sum;
-}
 
 // Stages the tokens of a tile of a map of `stride` vectors of four a token, as rows of `row_stride` from `rows` on.
 void stage_normed(Vectors from, uint stride, uint rows, uint row_stride, uvec2 origin) {

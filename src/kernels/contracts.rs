@@ -244,6 +244,9 @@ contracts! {
         /// Convolution on cooperative matrices, stride 1.
         CONV3X3_MATRIX = "conv3x3_matrix" "conv3x3_matrix.comp" Conv3x3Push
             { "SRC_F16": "1", "DST_F16": "1", "STRIDE": "1" } MATRICES, DENSE_MATRIX_CUT;
+        /// The same of normed tokens.
+        CONV3X3_NORM_MATRIX = "conv3x3_norm_matrix" "conv3x3_matrix.comp" NormedConv3x3Push
+            { "SRC_F16": "1", "DST_F16": "1", "STRIDE": "1", "NORM": "1" } MATRICES, DENSE_MATRIX_CUT;
         /// Convolution on cooperative matrices, stride 2.
         CONV3X3_S2_MATRIX = "conv3x3_s2_matrix" "conv3x3_matrix.comp" Conv3x3Push
             { "SRC_F16": "1", "DST_F16": "1", "STRIDE": "2" } MATRICES, DENSE_MATRIX_CUT;

@@ -19,7 +19,9 @@ const MIN_TOKENS_PER_SUM: u64 = 64;
 /// Invocations of a partial sum's workgroup.
 const SUM_INVOCATIONS: u32 = 256;
 
-/// Level one: sums of consecutive tokens, row by row, of the part of a map that holds pixels of the unpadded frame.
+/// Level one: sums of consecutive tokens, row by row, of the part of a map that holds pixels of the unpadded frame. Every
+/// token is brought to mean 0 and variance 1 over its channels first (eps 1e-5); gain and bias are in the weights of level
+/// two.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TokenSum {
     /// Input.
@@ -151,11 +153,12 @@ impl Kernel for TokenSum {
         let vectors = u64::from(self.src.channels / 4);
         // Of its first way an invocation keeps its own.
         let (ways, sums) = (u64::from(SUM_INVOCATIONS) / vectors, self.sums());
+        // Mean, variance and sum each load a token; norms lie in shared memory.
         Some(Accesses {
-            global_loads: self.real_tokens() * vectors,
+            global_loads: 3 * self.real_tokens() * vectors,
             global_stores: sums * vectors,
-            shared_loads: 4 * sums * vectors * (ways - 1),
-            shared_stores: 4 * sums * u64::from(SUM_INVOCATIONS),
+            shared_loads: 4 * sums * vectors * (ways - 1) + self.real_tokens() * vectors,
+            shared_stores: 4 * sums * u64::from(SUM_INVOCATIONS) + self.real_tokens(),
         })
     }
 }
@@ -174,7 +177,7 @@ pub struct FilmVector {
     pub counts: Option<BufferId>,
     /// Channels of the mean, at most 512.
     pub channels: u32,
-    /// Packed `[bias | W]`, W row by row.
+    /// Packed `[bias | W]`, W row by row ([`crate::plan::pack::Pack::FilmVector`]).
     pub weights: BufferId,
     /// The vector `[gamma | beta]`, 32-bit.
     pub dst: BufferId,

@@ -12,6 +12,8 @@ macro_rules! for_kernels {
             Conv3x3(dense::Conv3x3),
             /// The same by Winograd's minimal filtering.
             Winograd3x3(winograd::Winograd3x3),
+            /// Layer normalisation and dense 3x3 convolution in one.
+            NormedConv3x3(normed_conv::NormedConv3x3),
             /// Pointwise convolution.
             Linear(dense::Linear),
             /// Depthwise 3x3 convolution.
@@ -90,6 +92,7 @@ pub mod expand;
 pub mod film;
 pub mod frame_io;
 pub mod maps;
+pub mod normed_conv;
 pub mod on_matrices;
 pub mod planes;
 pub mod predicted;

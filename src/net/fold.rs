@@ -15,7 +15,8 @@ pub struct Folds {
     /// Patch unembedding, its shuffle and the output convolution into one: a sixth of their work, and no map of the
     /// frame's full size between them.
     pub unembed: bool,
-    /// The half of a skip's Linear that reads what was upsampled, into the convolution that upsamples.
+    /// The half of a skip's Linear that reads what was upsampled, into the convolution that upsamples, which adds the
+    /// other half: that waits for the encoder alone.
     pub skip: bool,
     /// Channels that nobody reads: most of what the last Down makes of the features, where attention is partial.
     pub unread: bool,
@@ -115,18 +116,19 @@ impl Graph {
 
     fn fold_skips(&mut self) {
         for at in 1..self.ops.len() {
-            let Some((weight, rest)) = self.skip(at) else { continue };
-            if let OpKind::Conv3x3 { weight: own, .. } = &mut self.ops[at - 1].kind {
-                *own = weight;
-            }
-            self.ops[at].kind = rest;
+            let Some((linear, conv)) = self.skip(at) else { continue };
+            // The map between them is now the Linear's, and named after it.
+            let [between, result] = [&linear, &conv].map(|op| self.result(op).value.0);
+            let names = [between, result].map(|value| self.values[value].name.clone());
+            [self.values[result].name, self.values[between].name] = names;
+            (self.ops[at - 1], self.ops[at]) = (linear, conv);
         }
     }
 
-    /// A Linear on `[up | skip]` right after the convolution that makes `up`: the convolution's new weight, and the
-    /// Linear on the skip alone, to which the convolution's result is added.
-    fn skip(&self, at: usize) -> Option<(ConvWeight, OpKind)> {
-        let (_, conv, up) = plain_shuffle(&self.ops[at - 1])?;
+    /// A Linear on `[up | skip]` right after the convolution that makes `up`: the Linear on the skip alone, and the
+    /// convolution with its new weight, which adds that one's result.
+    fn skip(&self, at: usize) -> Option<(Op, Op)> {
+        let (input, conv, up) = plain_shuffle(&self.ops[at - 1])?;
         let OpKind::Linear { inputs, weight, activation, film: None, residual: None, output } = &self.ops[at].kind
         else {
             return None;
@@ -137,16 +139,26 @@ impl Graph {
             let mixed = ConvWeight::Mixed { conv: conv.into(), linear: part.prefix.clone(), columns: weight.inputs };
             let mut rest = weight.clone();
             rest.columns.start = up.channels;
-            let (activation, output) = (*activation, *output);
-            let kind = OpKind::Linear {
+            let linear = OpKind::Linear {
                 inputs: vec![*skip],
                 weight: rest,
-                activation,
+                activation: Activation::None,
+                film: None,
+                residual: None,
+                output: up,
+            };
+            let conv = OpKind::Conv3x3 {
+                input,
+                weight: mixed,
+                bias: false,
+                stride: 1,
+                activation: *activation,
+                shuffle: Shuffle::Shuffle,
                 film: None,
                 residual: Some(up),
-                output,
+                output: *output,
             };
-            (mixed, kind)
+            (Op { kind: linear, ..self.ops[at].clone() }, Op { kind: conv, ..self.ops[at - 1].clone() })
         })
     }
 

@@ -1,14 +1,24 @@
 //! Puts buffers whose times do not overlap at the same place.
 
-/// A buffer to place: its size, and the first and last dispatch that touch it.
+/// The first and the last group of dispatches that touch a buffer, in each of two lists of which one runs or the other;
+/// `None`: none of that list.
+pub type Times = [Option<(usize, usize)>; 2];
+
+/// A buffer to place: its size, and when it is touched.
 #[derive(Clone, Copy, Debug)]
 pub struct Request {
     /// Bytes, at least 1.
     pub bytes: u64,
-    /// Index of the first dispatch that touches it.
-    pub first: usize,
-    /// Index of the last.
-    pub last: usize,
+    /// When.
+    pub times: Times,
+}
+
+impl Request {
+    /// Whether both are there at some time.
+    fn meets(&self, other: &Self) -> bool {
+        let both = self.times.iter().zip(&other.times).filter_map(|(own, other)| own.zip(*other));
+        both.into_iter().any(|(own, other)| own.0 <= other.1 && other.0 <= own.1)
+    }
 }
 
 /// Where a request went: (block, bytes from its start).
@@ -53,7 +63,8 @@ impl Limits<'_> {
 /// The size of a request that fits no block.
 pub fn place(requests: &[Request], limits: Limits) -> Result<(Vec<Placement>, Vec<u64>), u64> {
     let mut order: Vec<usize> = (0..requests.len()).collect();
-    order.sort_by_key(|&i| (std::cmp::Reverse(requests[i].bytes), requests[i].first, i));
+    let first = |i: usize| requests[i].times.iter().flatten().map(|time| time.0).min();
+    order.sort_by_key(|&i| (std::cmp::Reverse(requests[i].bytes), first(i), i));
     let mut placements = vec![(0, 0); requests.len()];
     let mut blocks: Vec<u64> = Vec::new();
     let mut placed: Vec<usize> = Vec::new();
@@ -65,10 +76,8 @@ pub fn place(requests: &[Request], limits: Limits) -> Result<(Vec<Placement>, Ve
         let mut block = 0;
         let offset = loop {
             let limit = limits.of(block).ok_or(request.bytes)?;
-            let overlapping = placed.iter().filter(|&&other| {
-                let o = requests[other];
-                placements[other].0 == block && o.first <= request.last && request.first <= o.last
-            });
+            let overlapping =
+                placed.iter().filter(|&&other| placements[other].0 == block && request.meets(&requests[other]));
             let mut taken: Vec<(u64, u64)> =
                 overlapping.map(|&other| (placements[other].1, placements[other].1 + requests[other].bytes)).collect();
             taken.sort_unstable();
@@ -97,13 +106,13 @@ mod tests {
     use super::*;
 
     fn request(bytes: u64, first: usize, last: usize) -> Request {
-        Request { bytes, first, last }
+        Request { bytes, times: [Some((first, last)), None] }
     }
 
     fn assert_apart(requests: &[Request], placements: &[Placement]) {
         for (i, a) in requests.iter().enumerate() {
             for (j, b) in requests.iter().enumerate().skip(i + 1) {
-                let same_time = a.first <= b.last && b.first <= a.last;
+                let same_time = a.meets(b);
                 let (pa, pb) = (placements[i], placements[j]);
                 let same_place = pa.0 == pb.0 && pa.1 < pb.1 + b.bytes && pb.1 < pa.1 + a.bytes;
                 assert!(!(same_time && same_place), "{i} at {pa:?} and {j} at {pb:?} overlap");
@@ -118,6 +127,17 @@ mod tests {
         assert_apart(&requests, &placements);
         assert_eq!(placements[0], placements[1]);
         assert_eq!(blocks, [1536]);
+    }
+
+    #[test]
+    fn what_is_of_one_list_shares_memory_with_what_is_of_the_other() {
+        let of_list = |first: Option<(usize, usize)>, second| Request { bytes: 1000, times: [first, second] };
+        let requests = [of_list(Some((0, 5)), None), of_list(None, Some((0, 5))), of_list(Some((6, 7)), Some((4, 4)))];
+        let (placements, blocks) = place(&requests, Limits::Each(1 << 20)).unwrap();
+        assert_apart(&requests, &placements);
+        assert_eq!(placements[0], placements[1]);
+        assert_ne!(placements[1], placements[2]);
+        assert_eq!(blocks, [2048]);
     }
 
     #[test]

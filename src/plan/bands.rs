@@ -60,11 +60,8 @@ impl Lowering<'_> {
     /// Lowers a step for the whole frame.
     fn step(&mut self, step: &Step) {
         let op = &self.graph.ops[step.ops.end - 1];
-        for (i, call) in step.calls.iter().enumerate() {
-            let flops = if i + 1 == step.calls.len() { self.flops(step) } else { 0 };
-            let call = self.placed(call);
-            self.push(&op.name, op.stage, flops, call);
-        }
+        let call = self.placed(&step.call);
+        self.push(&op.name, op.stage, self.flops(step), call);
     }
 
     /// Lowers the chain for the pixel rows `first..end` of its result.
@@ -73,11 +70,8 @@ impl Lowering<'_> {
         let bottom = (end + chain.halo).min(self.padded.height);
         let locals = chain.locals.iter().filter_map(|value| self.steps.values.get(value)).copied().collect();
         self.band = Some(Band { top, bottom, locals, buffers: HashMap::new() });
-        let mut calls = Vec::new();
-        for step in steps {
-            let flops = self.flops(step);
-            calls.extend(step.calls.iter().map(|call| (step.ops.end - 1, self.placed(call), flops)));
-        }
+        let placed = |step: &Step| (step.ops.end - 1, self.placed(&step.call), self.flops(step));
+        let mut calls: Vec<_> = steps.iter().map(placed).collect();
         self.band = None;
         let stays = |op: usize| !chain.locals.contains(&self.graph.result(&self.graph.ops[op]).value);
         let results: Vec<bool> = calls.iter().map(|(op, ..)| stays(*op)).collect();
@@ -92,7 +86,7 @@ impl Lowering<'_> {
             let flops = flops * count / whole.max(1);
             self.push(&format!("{}.band{number}", op.name), op.stage, flops, call);
             if let Some(dispatch) = self.dispatches.last_mut() {
-                dispatch.band = number;
+                dispatch.band = Some(number);
             }
         }
     }

@@ -46,7 +46,7 @@ pub fn merge(
             continue;
         }
         rest.push((dispatch.clone(), For::Features));
-        if dispatch.band > 0 {
+        if dispatch.band.is_some_and(|band| band > 0) {
             continue; // The small map is one band.
         }
         let mut copy = dispatch.clone();

@@ -4,6 +4,7 @@ use super::pack::Pack;
 use super::steps::Steps;
 use crate::kernels::attention_block::AttentionBlock;
 use crate::kernels::aux_projection::AuxProjection;
+use crate::kernels::normed_conv::NormedConv3x3;
 use crate::kernels::separable::Separable3x3;
 use crate::kernels::{Activation, Arithmetic, BufferId, Call, Tiles};
 use crate::net::graph::Graph;
@@ -19,7 +20,7 @@ const ATTENTION_OPS: usize = 4;
 impl Steps<'_> {
     /// The kernel of several operations that begin at `at`, by the first rule that has one, and how many they are.
     pub(super) fn fused(&mut self, at: usize) -> Option<(Call, usize)> {
-        let rules = [Self::aux_projection, Self::attention_block, Self::separable];
+        let rules = [Self::aux_projection, Self::attention_block, Self::normed_conv, Self::separable];
         rules.into_iter().find_map(|rule| rule(self, at))
     }
 
@@ -104,6 +105,29 @@ impl Steps<'_> {
 
     fn bias_rows(&mut self, name: &str, weight: &LinearWeight) -> BufferId {
         self.pack(&format!("{name}.biases"), Pack::BiasRows(weight.clone()))
+    }
+
+    /// The norm that begins at `at` and the convolution that alone reads its result. `None` where none begins there, where
+    /// no kernel takes both, and where lists of tiles are made: beyond their tiles the convolution would read normed
+    /// zeros in place of zeros.
+    fn normed_conv(&mut self, at: usize) -> Option<(Call, usize)> {
+        let graph = self.graph;
+        if self.target.arithmetic != Arithmetic::Matrices || self.target.converged.is_some() {
+            return None;
+        }
+        let [norm, conv] = graph.ops.get(at..at + 2)? else { return None };
+        let (OpKind::LayerNorm { output, .. }, OpKind::Conv3x3 { input, .. }) = (&norm.kind, &conv.kind) else {
+            return None;
+        };
+        if *input != graph.whole(*output) || !is_closed(graph, at, 2) {
+            return None;
+        }
+        match (self.op(norm), self.op(conv)) {
+            (Call::LayerNorm(norm), Call::Conv3x3(conv)) => {
+                Some((Call::NormedConv3x3(NormedConv3x3::joined(norm, conv)?), 2))
+            }
+            _ => None,
+        }
     }
 
     /// A depthwise convolution and the Linear that alone reads its result, all of it.

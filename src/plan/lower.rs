@@ -1,8 +1,10 @@
 //! From steps and a size to dispatches.
 
-use super::arena::{self, Limits, Request};
+use super::arena::Limits;
 use super::bands::Band;
 use super::featureless::{self, For};
+use super::placing::Placing;
+use super::schedule::{Scheduled, schedule};
 use super::steps::{Size, Step, Steps};
 use super::tile::Given;
 use super::{Buffer, Dispatch, Place, Plan, converged, features, hazards};
@@ -290,59 +292,27 @@ impl<'a> Lowering<'a> {
             }
             None => (merged, None),
         };
+        let differs = merged.iter().any(|(_, frames)| *frames == For::NoFeatures);
+        let lists: &[For] = if differs { &[For::NoFeatures, For::Features] } else { &[For::NoFeatures] };
+        let scheduled = lists.iter().map(|other| {
+            let chosen = merged.iter().filter(|(_, frames)| frames != other).map(|(dispatch, _)| dispatch.clone());
+            schedule(chosen.collect(), &self.buffers, options.overlap_bytes)
+        });
+        let lists: Vec<Scheduled> = scheduled.collect();
         let mut outlives: Vec<BufferId> = converged.iter().map(|converged| converged.buffer).collect();
-        let given = options.of_tile.then(|| Given::of(merged.iter().map(|(dispatch, _)| dispatch)));
+        let given = options.of_tile.then(|| Given::of(&lists[0].dispatches));
         outlives.extend(given.iter().flat_map(Given::buffers));
         if options.keep_features {
             outlives.extend(features::kept(merged.iter().map(|(dispatch, _)| dispatch)));
         }
-        let end = merged.len();
-        let mut times: Vec<Option<(usize, usize)>> = vec![None; self.buffers.len()];
-        for (at, (dispatch, _)) in merged.iter().enumerate() {
-            let traffic = dispatch.traffic();
-            for (id, _) in traffic.reads.iter().chain(&traffic.writes) {
-                let time = times[id.0].get_or_insert((at, at));
-                time.1 = at;
-            }
-        }
-        // What signals read stays for the next of them.
-        let of_signals = |at: usize| merged[at].0.of_signals;
-        if let (Some(first), Some(last)) = ((0..end).find(|at| of_signals(*at)), (0..end).rfind(|at| of_signals(*at))) {
-            for time in times.iter_mut().flatten().filter(|time| time.0 < first && time.1 >= first) {
-                time.1 = time.1.max(last);
-            }
-        }
-        let (persistent, in_arena): (Vec<_>, Vec<_>) = (0..self.buffers.len())
-            .filter(|&i| matches!(self.buffers[i].place, Place::Arena { .. }))
-            .filter_map(|i| times[i].map(|time| (i, time)))
-            .partition(|(i, _)| outlives.contains(&BufferId(*i)));
-        let place = |buffers: &[Buffer], which: &[(usize, (usize, usize))], always: bool, limits: Limits| {
-            let request = |&(i, (first, last)): &(usize, (usize, usize))| {
-                let always = always || kept.contains(&BufferId(i));
-                let (first, last) = if always { (0, end) } else { (first, last) };
-                Request { bytes: buffers[i].bytes, first, last }
-            };
-            arena::place(&which.iter().map(request).collect::<Vec<_>>(), limits)
-        };
-        let (placements, blocks) = place(&self.buffers, &in_arena, options.keep_all, arena)?;
-        for ((i, _), (block, offset)) in in_arena.into_iter().zip(placements) {
-            self.buffers[i].place = Place::Arena { block, offset };
-        }
-        let own = Limits::Each(options.max_block_bytes);
-        let (placements, persistent_blocks) = place(&self.buffers, &persistent, true, own)?;
-        for ((i, _), (block, offset)) in persistent.into_iter().zip(placements) {
-            self.buffers[i].place = Place::Persistent { block, offset };
-        }
-        let dispatches_for = |other: For| {
-            let mut chosen: Vec<_> =
-                merged.iter().filter(|(_, frames)| *frames != other).map(|(dispatch, _)| dispatch.clone()).collect();
-            chosen.iter_mut().for_each(|dispatch: &mut Dispatch| dispatch.choose(options.kernels));
-            hazards::mark(&mut chosen, &self.buffers);
-            chosen
-        };
-        let differs = merged.iter().any(|(_, frames)| *frames == For::NoFeatures);
-        let (dispatches, without_features) =
-            (dispatches_for(For::NoFeatures), differs.then(|| dispatches_for(For::Features)));
+        let placing = Placing { lists: &lists, outlives: &outlives, kept, options, arena };
+        let (blocks, persistent) = placing.place(&mut self.buffers)?;
+        let mut marked = lists.into_iter().map(|Scheduled { mut dispatches, .. }| {
+            dispatches.iter_mut().for_each(|dispatch| dispatch.choose(options.kernels));
+            hazards::mark(&mut dispatches, &self.buffers);
+            dispatches
+        });
+        let (dispatches, without_features) = (marked.next().unwrap_or_default(), marked.next());
         Ok(Plan {
             extent: self.extent,
             padded: self.padded,
@@ -353,7 +323,7 @@ impl<'a> Lowering<'a> {
             dispatches,
             without_features,
             blocks,
-            persistent: persistent_blocks,
+            persistent,
             weights_bytes: self.steps.packing.bytes(),
             stats: self.stats,
             keeps_features: options.keep_features,

@@ -14,8 +14,10 @@ mod lower;
 mod ops;
 pub mod pack;
 mod packing;
+mod placing;
 mod predicted;
 mod region;
+mod schedule;
 mod signals;
 mod steps;
 pub mod tile;
@@ -88,8 +90,8 @@ pub struct Dispatch {
     pub barrier: bool,
     /// Multiplications and additions of the network's own channels ([`crate::net::cost`]).
     pub flops: u64,
-    /// Which band of the frame's rows it works on, where it is one of a chain that runs band by band; else 0.
-    pub band: u32,
+    /// Which band of the frame's rows it works on, where it is one of a chain that runs band by band.
+    pub band: Option<u32>,
     /// Whether it depends on albedo, normal and depth alone.
     pub of_features: bool,
     /// Whether it serves the depth plane alone, and is left out where there is none.
@@ -114,7 +116,7 @@ impl Dispatch {
             call,
             barrier: false,
             flops,
-            band: 0,
+            band: None,
             of_features: false,
             of_depth: false,
             of_signals: false,

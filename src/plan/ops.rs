@@ -7,10 +7,10 @@ use crate::kernels::winograd::{Winograd3x3, WinogradTile};
 use crate::kernels::{
     Arithmetic, BufferId, Call, Storage, Tiles, View, dense, film, maps, predicted, unembed, window_attention,
 };
-use crate::net::op::{ConvWeight, Op, OpKind, Shuffle, Slice, conv_outputs};
+use crate::net::op::{ConvWeight, Op, OpKind, Shuffle, Slice, ValueId, conv_outputs};
 
 impl Steps<'_> {
-    /// The kernel of an operation. What must run before it is added to [`Steps::before`].
+    /// The kernel of an operation.
     pub(super) fn op(&mut self, op: &Op) -> Call {
         match &op.kind {
             OpKind::Conv3x3 { input, weight, bias, stride, activation, shuffle, film, residual, output } => {
@@ -114,18 +114,11 @@ impl Steps<'_> {
                 attention.bias = self.pack(bias_table, pack);
                 Call::WindowAttention(attention)
             }
-            OpKind::FilmMean { input, norm, output } => {
-                // Normed in a map of its own, then summed.
-                let source = self.view(*input);
-                let size = Size::Map { stride: self.stride(*input), channels: source.channels };
-                let buffer = self.buffer(&format!("{}.normed", op.name), size, source.storage);
-                let normed = View { buffer, first: 0, stride: source.channels, ..source };
-                let norm = self.layer_norm(*input, norm, normed);
-                self.before.push(norm);
+            OpKind::FilmMean { input, output, .. } => {
                 let partials = self.buffer(&format!("{}.partials", op.name), Size::OfFrame, Storage::F32);
                 self.values.insert(*output, partials);
                 Call::TokenSum(film::TokenSum {
-                    src: normed,
+                    src: self.view(*input),
                     real_width: 0,
                     real_height: 0,
                     dst: partials,
@@ -183,7 +176,8 @@ impl Steps<'_> {
             OpKind::FilmVector { input, weight, output } => {
                 let inputs = self.graph.whole(*input).channels;
                 let outputs = self.graph.whole(*output).channels;
-                let pack = Pack::FilmVector { weight: weight.clone(), inputs, outputs };
+                let norm = self.norm_of(*input);
+                let pack = Pack::FilmVector { weight: weight.clone(), norm, inputs, outputs };
                 Call::FilmVector(film::FilmVector {
                     partials: self.value(*input),
                     sums: 0,
@@ -196,6 +190,15 @@ impl Steps<'_> {
                 })
             }
         }
+    }
+
+    /// The norm of the tokens that a mean is of.
+    fn norm_of(&self, mean: ValueId) -> String {
+        let norms = self.graph.ops.iter().find_map(|op| match &op.kind {
+            OpKind::FilmMean { norm, output, .. } if *output == mean => Some(norm.clone()),
+            _ => None,
+        });
+        norms.unwrap_or_default()
     }
 
     /// What a kernel computes with that could, or could not, on matrices.

@@ -125,10 +125,12 @@ pub enum Pack {
         /// Sizes of kernels.
         levels: u32,
     },
-    /// `[bias | matrix row by row]`.
+    /// `[bias | matrix row by row]`, a norm's gain and bias multiplied in.
     FilmVector {
         /// Tensor prefix.
         weight: String,
+        /// Tensor prefix of the norm of the tokens that the mean is of.
+        norm: String,
         /// Channels of the mean.
         inputs: u32,
         /// Length of the result.
@@ -332,10 +334,18 @@ impl Pack {
             }
             // Their words are made of those of another pack.
             Self::Halves(_) | Self::UnembedMatrix { .. } | Self::KernelsMatrix { .. } => {}
-            Self::FilmVector { weight, outputs, .. } => {
+            Self::FilmVector { weight, norm, inputs, outputs } => {
                 let (bias, matrix) = out.split_at_mut(*outputs as usize);
                 bias.copy_from_slice(tensor(weight, "bias")?);
                 matrix.copy_from_slice(tensor(weight, "weight")?);
+                let (gain, shift) = (tensor(norm, "weight")?, tensor(norm, "bias")?);
+                // Products and sums in f64, rounded once.
+                for (bias, row) in bias.iter_mut().zip(matrix.chunks_exact_mut(*inputs as usize)) {
+                    let product = |(weight, by): (&f32, &f32)| f64::from(*weight) * f64::from(*by);
+                    let sum: f64 = row.iter().zip(shift).map(product).sum();
+                    *bias = (f64::from(*bias) + sum) as f32;
+                    row.iter_mut().zip(gain).for_each(|pair| *pair.0 = product((&*pair.0, pair.1)) as f32);
+                }
             }
         }
         Ok(())

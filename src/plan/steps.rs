@@ -11,13 +11,12 @@ use crate::target::Target;
 use std::collections::HashMap;
 use std::ops::Range;
 
-/// Kernels that stand for operations of the graph.
+/// A kernel that stands for operations of the graph.
 pub(super) struct Step {
     /// Which, one after the other.
     pub ops: Range<usize>,
-    /// The kernels in order, all but the last without FLOPs of the network's. Their maps have neither width nor height,
-    /// and lie in the buffers of the values that they are.
-    pub calls: Vec<Call>,
+    /// Their kernel. Its maps have neither width nor height, and lie in the buffers of the values that they are.
+    pub call: Call,
 }
 
 /// How large a buffer will be.
@@ -55,8 +54,6 @@ pub(super) struct Steps<'a> {
     /// Buffer of every value that has one.
     pub values: HashMap<ValueId, BufferId>,
     packs: HashMap<Pack, BufferId>,
-    /// What an operation's kernel needs to run before it.
-    pub before: Vec<Call>,
 }
 
 impl<'a> Steps<'a> {
@@ -75,7 +72,6 @@ impl<'a> Steps<'a> {
             packing: Packing::default(),
             values: HashMap::new(),
             packs: HashMap::new(),
-            before: Vec::new(),
         };
         steps.buffer("stats", Size::Bytes(stats::STATS_FLOATS * 4), Storage::F32);
         for value in [graph.color, graph.aux, graph.residual] {
@@ -84,9 +80,7 @@ impl<'a> Steps<'a> {
         let mut at = 0;
         while at < graph.ops.len() {
             let (call, ops) = steps.fused(at).unwrap_or_else(|| (steps.op(&graph.ops[at]), 1));
-            let mut calls = std::mem::take(&mut steps.before);
-            calls.push(call);
-            steps.steps.push(Step { ops: at..at + ops, calls });
+            steps.steps.push(Step { ops: at..at + ops, call });
             at += ops;
         }
         steps
@@ -139,14 +133,6 @@ impl<'a> Steps<'a> {
     /// All of a map that has a buffer.
     pub(super) fn of_value(&self, id: ValueId) -> View {
         self.view_in(self.values[&id], self.graph.whole(id))
-    }
-
-    /// Pixels of a token of a map, on a side.
-    pub(super) fn stride(&self, slice: Slice) -> u32 {
-        match self.graph.value(slice.value).shape {
-            Shape::Map { stride, .. } => stride,
-            Shape::Vector { .. } => 1,
-        }
     }
 
     /// A map's channels, of no size yet.

@@ -38,19 +38,21 @@ pub struct Sums {
 }
 
 impl Given {
-    pub(super) fn of<'a>(dispatches: impl Iterator<Item = &'a Dispatch>) -> Self {
+    pub(super) fn of(dispatches: &[Dispatch]) -> Self {
         let mut given =
             Self { stats: BufferId(0), depth_scale: BufferId(0), tile_stats: BufferId(0), sums: Vec::new() };
-        let mut width = 0;
+        let width = dispatches.iter().find_map(|dispatch| match &dispatch.call {
+            Call::InputColor(input) => Some(input.dst.width),
+            _ => None,
+        });
         for dispatch in dispatches {
             match &dispatch.call {
                 Call::StatsKey(key) => {
                     (given.stats, given.depth_scale, given.tile_stats) = (key.stats, key.depth_scale, key.tile_stats);
                 }
-                Call::InputColor(input) => width = input.dst.width,
                 Call::TokenSum(sum) => {
                     let (buffer, channels) = (sum.dst, sum.src.channels);
-                    given.sums.push(Sums { buffer, channels, stride: width / sum.src.width });
+                    given.sums.push(Sums { buffer, channels, stride: width.unwrap_or(0) / sum.src.width });
                 }
                 _ => {}
             }

@@ -7,21 +7,13 @@ use super::parameters::Parameters;
 use super::{Reference, Twin};
 use crate::kernels::dense::{Conv3x3, Linear};
 use crate::kernels::winograd::Winograd3x3;
-use crate::kernels::{Activation, BufferId, Shuffle, View};
+use crate::kernels::{Activation, BufferId, Shuffle};
 
 impl Twin for Conv3x3 {
-    /// `shuffle(act(film(conv3x3(src) + bias) + residual))`.
+    /// `shuffle(act(film(conv3x3(src) + bias) + residual))`, the residual a map like the result.
     fn compute(&self, reference: &mut Reference) {
         let src = reference.map(&self.src);
-        let mut result = reference.matrix(self.weights).apply(&src, self.stride as usize, self.channels as usize);
-        reference.finish(&mut result, self.film, self.residual.as_ref(), self.activation);
-        let (width, height) = self.result_size();
-        let tiles = reference.tiles(&self.tiles, width, height);
-        reference.store(&result, &self.dst, &tiles, |x, y, channel| match self.shuffle {
-            Shuffle::None => (x, y, channel),
-            Shuffle::Shuffle => (2 * x + channel % 2, 2 * y + channel % 4 / 2, channel / 4),
-            Shuffle::Unshuffle => (x / 2, y / 2, 4 * channel + 2 * (y % 2) + x % 2),
-        });
+        reference.convolution(&src, self);
     }
 }
 
@@ -47,10 +39,28 @@ impl Twin for Linear {
 }
 
 impl Reference<'_> {
+    /// A convolution of a map instead of its own source.
+    pub(super) fn convolution(&mut self, src: &Map, call: &Conv3x3) {
+        let mut result = self.matrix(call.weights).apply(src, call.stride as usize, call.channels as usize);
+        let residual = call.residual.as_ref().map(|residual| match call.shuffle {
+            Shuffle::Shuffle => self.map(residual).unshuffled(),
+            Shuffle::None | Shuffle::Unshuffle => self.map(residual),
+        });
+        self.finish(&mut result, call.film, residual, call.activation);
+        let (width, height) = call.result_size();
+        let tiles = self.tiles(&call.tiles, width, height);
+        self.store(&result, &call.dst, &tiles, |x, y, channel| match call.shuffle {
+            Shuffle::None => (x, y, channel),
+            Shuffle::Shuffle => (2 * x + channel % 2, 2 * y + channel % 4 / 2, channel / 4),
+            Shuffle::Unshuffle => (x / 2, y / 2, 4 * channel + 2 * (y % 2) + x % 2),
+        });
+    }
+
     /// A Linear on a map instead of its own sources.
     pub(super) fn pointwise(&mut self, src: &Map, call: &Linear) {
         let mut result = self.matrix(call.weights).apply(src, 1, call.dst.channels as usize);
-        self.finish(&mut result, call.film, call.residual.as_ref(), call.activation);
+        let residual = call.residual.as_ref().map(|residual| self.map(residual));
+        self.finish(&mut result, call.film, residual, call.activation);
         let tiles = self.tiles(&call.tiles, call.dst.width, call.dst.height);
         self.store(&result, &call.dst, &tiles, |x, y, channel| (x, y, channel));
     }
@@ -63,7 +73,7 @@ impl Reference<'_> {
     }
 
     /// What follows the sum: FiLM, the residual, the activation.
-    fn finish(&self, sums: &mut Map, film: Option<BufferId>, residual: Option<&View>, activation: Activation) {
+    fn finish(&self, sums: &mut Map, film: Option<BufferId>, residual: Option<Map>, activation: Activation) {
         let channels = sums.channels;
         if let Some(film) = film {
             let (gamma, beta) = self.buffer(film).split_at(channels);
@@ -74,7 +84,7 @@ impl Reference<'_> {
             }
         }
         if let Some(residual) = residual {
-            for (value, residual) in sums.values.iter_mut().zip(self.map(residual).values) {
+            for (value, residual) in sums.values.iter_mut().zip(residual.values) {
                 *value += residual;
             }
         }

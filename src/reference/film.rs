@@ -1,15 +1,17 @@
 //! Twins of the kernels that make the FiLM vectors ([`crate::kernels::film`]).
 
 use super::converged::is_sampled;
+use super::maps::normalise;
 use super::parameters::Parameters;
 use super::{Reference, Twin};
 use crate::kernels::converged::MAP_TILE;
 use crate::kernels::film::{FilmVector, TokenSum};
 
 impl Twin for TokenSum {
-    /// Sums of consecutive real tokens, row by row, of those that there are.
+    /// Sums of consecutive real tokens, each normed, row by row, of those that there are.
     fn compute(&self, reference: &mut Reference) {
-        let src = reference.map(&self.src);
+        let mut src = reference.map(&self.src);
+        src.values.chunks_exact_mut(src.channels).for_each(normalise);
         let (width, height) = (self.real_width as usize, self.real_height as usize);
         let real: Vec<_> = (0..height).flat_map(|y| (0..width).map(move |x| (x, y))).collect();
         let kind = |x: usize, y: usize| match &self.computed {

@@ -6,6 +6,7 @@ use super::maps::normalise;
 use super::{Reference, Twin};
 use crate::kernels::attention_block::AttentionBlock;
 use crate::kernels::aux_projection::{AuxProjection, CHANNELS};
+use crate::kernels::normed_conv::NormedConv3x3;
 use crate::kernels::separable::Separable3x3;
 use crate::kernels::{Activation, BufferId, View};
 
@@ -14,6 +15,14 @@ impl Twin for Separable3x3 {
     fn compute(&self, reference: &mut Reference) {
         let inner = reference.depthwise(&self.depthwise);
         reference.pointwise(&inner, &self.pointwise);
+    }
+}
+
+impl Twin for NormedConv3x3 {
+    /// `conv(norm(src))`.
+    fn compute(&self, reference: &mut Reference) {
+        let normed = reference.normed(&self.norm);
+        reference.convolution(&normed, &self.conv);
     }
 }
 

@@ -78,6 +78,15 @@ impl Map {
         out
     }
 
+    /// The map of half the size whose pixel shuffle this one is: channel `4 c + 2 dy + dx` is `c` of pixel `(dx, dy)`.
+    pub fn unshuffled(&self) -> Self {
+        let (width, height, channels) = (self.width / 2, self.height / 2, 4 * self.channels);
+        let tokens = (0..height).flat_map(|y| (0..width).map(move |x| (x, y)));
+        let of = |x: usize, y: usize, c: usize| self.token(2 * x + c % 2, 2 * y + c % 4 / 2)[c / 4];
+        let values = tokens.flat_map(|(x, y)| (0..channels).map(move |c| of(x, y, c))).collect();
+        Self { width, height, channels, values }
+    }
+
     /// The channels of both maps side by side.
     pub fn beside(&self, other: &Self) -> Self {
         let tokens = self.values.chunks_exact(self.channels).zip(other.values.chunks_exact(other.channels));
@@ -112,6 +121,14 @@ mod tests {
     fn a_border_is_zeros_all_round() {
         let map = Map::new(2, 1, 1, vec![1.0, 2.0]);
         assert_eq!(map.bordered().values, [0., 0., 0., 0., 0., 1., 2., 0., 0., 0., 0., 0.]);
+    }
+
+    #[test]
+    fn an_unshuffled_map_has_the_pixels_of_a_token_side_by_side() {
+        let map = Map::new(4, 2, 2, (0..16).map(f64::from).collect());
+        let unshuffled = map.unshuffled();
+        assert_eq!((unshuffled.width, unshuffled.height, unshuffled.channels), (2, 1, 8));
+        assert_eq!(unshuffled.token(1, 0), [4., 6., 12., 14., 5., 7., 13., 15.]);
     }
 
     #[test]

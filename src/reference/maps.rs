@@ -48,11 +48,11 @@ impl Reference<'_> {
     }
 }
 
-impl Twin for LayerNorm {
-    /// Every token to mean 0 and variance 1 over its channels, then gain and bias.
-    fn compute(&self, reference: &mut Reference) {
-        let mut map = reference.map(&self.src);
-        let weights = match reference.parameters(self.weights) {
+impl Reference<'_> {
+    /// A layer normalisation's result, not stored.
+    pub(super) fn normed(&self, call: &LayerNorm) -> Map {
+        let mut map = self.map(&call.src);
+        let weights = match self.parameters(call.weights) {
             Parameters::Norm(weights) => weights,
             other => unreachable!("layer_norm is given {other:?}"),
         };
@@ -62,6 +62,14 @@ impl Twin for LayerNorm {
                 *value = *value * gain + bias;
             }
         }
+        map
+    }
+}
+
+impl Twin for LayerNorm {
+    /// Every token to mean 0 and variance 1 over its channels, then gain and bias.
+    fn compute(&self, reference: &mut Reference) {
+        let map = reference.normed(self);
         let tiles = reference.tiles(&self.tiles, self.dst.width, self.dst.height);
         reference.store(&map, &self.dst, &tiles, |x, y, channel| (x, y, channel));
     }

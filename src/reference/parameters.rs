@@ -90,9 +90,14 @@ impl Parameters {
                 let more = if *levels > 3 { linear("out_more", hidden)? } else { Linear::default() };
                 Self::Kernels(Box::new(KernelWeights { tok, guess, full, more }))
             }
-            Pack::FilmVector { weight, inputs, outputs } => {
-                let rows = tensor(weight, "weight")?.chunks_exact(*inputs as usize).map(|row| wide(row).collect());
-                Self::FilmVector(wide(tensor(weight, "bias")?).zip(rows).take(*outputs as usize).collect())
+            Pack::FilmVector { weight, norm, inputs, outputs } => {
+                let (gain, shift) = (tensor(norm, "weight")?, tensor(norm, "bias")?);
+                let rows = tensor(weight, "weight")?.chunks_exact(*inputs as usize);
+                let vectors = wide(tensor(weight, "bias")?).zip(rows).map(|(bias, row)| {
+                    let shifted = wide(row).zip(wide(shift)).map(|(weight, shift)| weight * shift).sum::<f64>();
+                    (bias + shifted, wide(row).zip(wide(gain)).map(|(weight, gain)| weight * gain).collect())
+                });
+                Self::FilmVector(vectors.take(*outputs as usize).collect())
             }
         })
     }

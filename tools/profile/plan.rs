@@ -1,5 +1,8 @@
 //! `plan`: what a network's pass asks of a device that need not be there. A plan is data, and so is what a device can
-//! do: every kernel's FLOPs and bytes, and the time that a roofline gives it.
+//! do: every kernel's FLOPs and bytes, the time that a roofline gives it, and what it is predicted to add to the pass.
+//!
+//! Kernels between two waits run at once: they share the device's rates, and one latency. So a wait costs itself and a
+//! latency, and every kernel its share of the roof.
 
 use crate::session::Session;
 use crate::table::{self, number};
@@ -29,9 +32,20 @@ pub struct Machine {
     pub barrier_us: f64,
     /// One that does not.
     pub dispatch_us: f64,
+    /// What kernels between two waits take at least, whatever they compute.
+    #[serde(default)]
+    pub latency_us: f64,
+    /// Share of the roof that kernels reach beside that.
+    #[serde(default = "whole")]
+    pub of_roof: f64,
 }
 
-/// Measured on an NVIDIA H100 80GB, driver 580.159.04; the second is a mid-range card of 2023 by its data sheet.
+fn whole() -> f64 {
+    1.0
+}
+
+/// Measured on an NVIDIA H100 80GB, driver 580.159.04, latency and share of the roof fitted to whole passes
+/// (`docs/performance.md`); the second is a mid-range card of 2023 by its data sheet, with the H100's.
 fn named(name: &str) -> Option<Machine> {
     let target = |gflop_per_second, matrix, gb_per_second| Machine {
         name: name.into(),
@@ -40,6 +54,8 @@ fn named(name: &str) -> Option<Machine> {
         gb_per_second,
         barrier_us: 1.6,
         dispatch_us: 0.2,
+        latency_us: 10.3,
+        of_roof: 0.296,
     };
     match name {
         "h100" => Some(target(61_500.0, 607_000.0, 2930.0)),
@@ -61,6 +77,8 @@ impl Machine {
                 gb_per_second: bytes_f32 * 1e-9,
                 barrier_us: 0.0,
                 dispatch_us: 0.0,
+                latency_us: 0.0,
+                of_roof: 1.0,
             });
         }
         if let Some(target) = named(name) {
@@ -73,7 +91,10 @@ impl Machine {
         })?;
         let target: Self = serde_json::from_str(&text).map_err(|error| Failure(format!("--target {name}: {error}")))?;
         let rates = [Some(target.gflop_per_second), target.matrix_gflop_per_second, Some(target.gb_per_second)];
-        let times = [target.barrier_us, target.dispatch_us];
+        let times = [target.barrier_us, target.dispatch_us, target.latency_us];
+        if !(target.of_roof > 0.0 && target.of_roof <= 1.0) {
+            return Err(Failure(format!("--target {name}: of_roof must be above 0 and at most 1")));
+        }
         if rates.into_iter().flatten().any(|rate| !(rate.is_finite() && rate > 0.0))
             || times.iter().any(|us| us.is_nan() || *us < 0.0)
         {
@@ -110,12 +131,14 @@ struct Row {
     mb_written: f64,
     /// The larger of what its FLOPs and its bytes take.
     roof_us: f64,
-    /// With the dispatch itself.
+    /// What it adds to the pass: by the share of the roof that is reached, with the dispatch itself, and where it waits
+    /// with a latency.
     predicted_us: f64,
 }
 
 impl Row {
-    fn new(dispatch: &Dispatch, machine: &Machine) -> Self {
+    /// Of a dispatch; the pass's `first` waits for what was before.
+    fn new(dispatch: &Dispatch, first: bool, machine: &Machine) -> Self {
         let (contract, traffic) = (dispatch.variant.contract, dispatch.traffic());
         let megabytes = |touched: &[(_, u64)]| touched.iter().map(|(_, bytes)| *bytes as f64 * 1e-6).sum::<f64>();
         let (mb_read, mb_written) = (megabytes(&traffic.reads), megabytes(&traffic.writes));
@@ -123,7 +146,10 @@ impl Row {
         let gflop = dispatch.flops as f64 * 1e-9;
         let by_flops = gflop / matrices.unwrap_or(machine.gflop_per_second) * 1e6;
         let roof_us = by_flops.max((mb_read + mb_written) / machine.gb_per_second * 1e3);
-        let own_us = if dispatch.barrier { machine.barrier_us } else { machine.dispatch_us };
+        let own_us = match first || dispatch.barrier {
+            true => machine.barrier_us + machine.latency_us,
+            false => machine.dispatch_us,
+        };
         Self {
             stage: dispatch.stage.to_string(),
             layer: dispatch.name.clone(),
@@ -134,7 +160,7 @@ impl Row {
             mb_read,
             mb_written,
             roof_us,
-            predicted_us: roof_us + own_us,
+            predicted_us: roof_us / machine.of_roof + own_us,
         }
     }
 
@@ -185,18 +211,21 @@ pub fn plan_of(
     let arch = Arch::named(name).ok_or_else(|| Failure(format!("there is no network called {name}")))?;
     let graph = Graph::new(&Arch { head, ..arch }).map_err(|error| Failure(error.to_string()))?;
     let plan = plan(&graph, extent, &machine.target(precision)?)?;
-    let rows: Vec<Row> = plan.dispatches.iter().map(|dispatch| Row::new(dispatch, machine)).collect();
+    let dispatches = plan.dispatches.iter().enumerate();
+    let rows: Vec<Row> = dispatches.map(|(i, dispatch)| Row::new(dispatch, i == 0, machine)).collect();
+    let waits = plan.dispatches.iter().filter(|dispatch| dispatch.barrier).count();
     let sums = sums(&rows);
     if as_json {
         let report = json!({
             "target": machine, "network": name, "width": extent.width, "height": extent.height,
-            "device_bytes": plan.bytes(), "dispatches": rows.len(), "kernels": rows, "sums": sums,
+            "device_bytes": plan.bytes(), "arena_bytes": plan.blocks.iter().sum::<u64>(), "dispatches": rows.len(),
+            "waits": waits, "kernels": rows, "sums": sums,
         });
         println!("{report:#}");
         return Ok(());
     }
     println!(
-        "{name}, {}x{} on {}: {} dispatches, {:.0} MiB of device memory",
+        "{name}, {}x{} on {}: {} dispatches, {waits} waits, {:.0} MiB of device memory",
         extent.width,
         extent.height,
         machine.name,

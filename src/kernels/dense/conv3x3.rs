@@ -8,7 +8,7 @@ use crate::kernels::contracts::{self, halves};
 use crate::kernels::on_matrices::{self, DEPTH, dense_groups};
 use crate::kernels::pushes::Conv3x3Push;
 use crate::kernels::{
-    Access, Activation, Addresses, Arithmetic, BufferId, Grid, Kernel, KernelTarget, PushBytes, Scale, Shuffle,
+    Access, Activation, Addresses, Arithmetic, BufferId, Footprint, Grid, Kernel, KernelTarget, PushBytes, Scale, Shuffle,
     Storage, TILE, TexelRange, Tiles, Traffic, Variant, View, by_storage, flags,
 };
 
@@ -29,7 +29,7 @@ pub struct Conv3x3 {
     pub weights: BufferId,
     /// Vector `[gamma | beta]`.
     pub film: Option<BufferId>,
-    /// Added before the activation. Not with a shuffle.
+    /// Added before the activation: a map like the output, after a pixel shuffle. Not with a pixel unshuffle.
     pub residual: Option<View>,
     /// 1 or 2.
     pub stride: u32,
@@ -80,7 +80,7 @@ impl Conv3x3 {
         Some(Specialisation { tiles, inputs, ..Specialisation::default() })
     }
 
-    fn chosen(&self) -> Option<(&'static Contract, Specialisation)> {
+    pub(crate) fn chosen(&self) -> Option<(&'static Contract, Specialisation)> {
         self.on_matrices().filter(|_| self.arithmetic == Arithmetic::Matrices)
     }
 
@@ -151,12 +151,12 @@ impl Kernel for Conv3x3 {
 
     fn maps(&mut self, visit: &mut dyn FnMut(&mut View, Access)) {
         visit(&mut self.src, Access::around(self.stride, 1));
-        self.residual.iter_mut().for_each(|residual| visit(residual, Access::Residual));
-        let scale = match self.shuffle {
-            Shuffle::None => Scale::Same,
-            Shuffle::Shuffle => Scale::Double,
-            Shuffle::Unshuffle => Scale::Half,
+        let (added, scale) = match self.shuffle {
+            Shuffle::None => (Access::Residual, Scale::Same),
+            Shuffle::Shuffle => (Access::Read(Footprint::Finer), Scale::Double),
+            Shuffle::Unshuffle => (Access::Residual, Scale::Half),
         };
+        self.residual.iter_mut().for_each(|residual| visit(residual, added));
         visit(&mut self.dst, Access::Write(scale));
     }
 
@@ -222,7 +222,7 @@ impl Conv3x3 {
         [epilogue_loads(self.film.is_some(), self.residual.is_some()), stores]
     }
 
-    fn accesses_on_matrices(&self, special: Specialisation) -> Accesses {
+    pub(crate) fn accesses_on_matrices(&self, special: Specialisation) -> Accesses {
         let (width, height) = self.result_size();
         let [epilogue, _] = self.epilogue_accesses();
         let inputs = u64::from(self.src.channels);
