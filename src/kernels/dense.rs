@@ -5,7 +5,7 @@ use super::contracts::{self, halves};
 use super::on_matrices;
 use super::pushes::{Conv3x3Push, LinearPush};
 use super::{
-    Access, Activation, Addresses, Arithmetic, BufferId, Footprint, Grid, Kernel, KernelTarget, PushBytes, Scale, Shuffle,
+    Access, Activation, Addresses, Arithmetic, BufferId, Grid, Kernel, KernelTarget, PushBytes, Scale, Shuffle,
     Storage, TexelRange, Tiles, Traffic, Variant, View, activation_flag, by_storage, flags, groups,
 };
 
@@ -155,12 +155,12 @@ impl Kernel for Conv3x3 {
 
     fn maps(&mut self, visit: &mut dyn FnMut(&mut View, Access)) {
         visit(&mut self.src, Access::around(self.stride, 1));
-        let (added, scale) = match self.shuffle {
-            Shuffle::None => (Access::Residual, Scale::Same),
-            Shuffle::Shuffle => (Access::Read(Footprint::Finer), Scale::Double),
-            Shuffle::Unshuffle => (Access::Residual, Scale::Half),
+        let scale = match self.shuffle {
+            Shuffle::None => Scale::Same,
+            Shuffle::Shuffle => Scale::Double,
+            Shuffle::Unshuffle => Scale::Half,
         };
-        self.residual.iter_mut().for_each(|residual| visit(residual, added));
+        self.residual.iter_mut().for_each(|residual| visit(residual, Access::Residual(scale)));
         visit(&mut self.dst, Access::Write(scale));
     }
 
@@ -353,7 +353,7 @@ impl Kernel for Linear {
     fn maps(&mut self, visit: &mut dyn FnMut(&mut View, Access)) {
         visit(&mut self.src, Access::SAME);
         self.src_b.iter_mut().for_each(|source| visit(source, Access::SAME));
-        self.residual.iter_mut().for_each(|residual| visit(residual, Access::Residual));
+        self.residual.iter_mut().for_each(|residual| visit(residual, Access::Residual(Scale::Same)));
         visit(&mut self.dst, Access::Write(Scale::Same));
     }
 
