@@ -7,8 +7,8 @@ use super::{BufferId, TILE, Tiles, TokenRect, View};
 pub enum Access {
     /// Reads so much of it for each token that it works on.
     Read(Footprint),
-    /// Reads the same tokens, to add them to its result.
-    Residual,
+    /// Reads the tokens that it writes at this scale, to add them to its result.
+    Residual(Scale),
     /// Writes it, at this scale.
     Write(Scale),
 }
@@ -76,7 +76,9 @@ impl Access {
             Self::Read(Footprint::Around { stride, reach }) => Some((of_map + reach).div_ceil(stride)),
             Self::Read(Footprint::Finer) => Some(of_map.div_ceil(2)),
             Self::Read(Footprint::Coarser { by, reach }) => Some((of_map + reach) * by),
-            Self::Residual => Some(of_map),
+            Self::Residual(Scale::Same) => Some(of_map),
+            Self::Residual(Scale::Double) => Some(of_map.div_ceil(2)),
+            Self::Residual(Scale::Half) => Some(2 * of_map),
             Self::Read(Footprint::Whole) | Self::Write(_) => None,
         }
     }
@@ -93,10 +95,13 @@ impl Access {
             _ if rect.is_empty() => Some(TokenRect::default()),
             Self::Read(Footprint::Whole) => None,
             Self::Read(Footprint::Around { stride, reach }) => Some(around(stride, reach, rect)),
-            Self::Read(Footprint::Finer) | Self::Write(Scale::Double) => Some(rect.doubled()),
+            Self::Read(Footprint::Finer) => Some(rect.doubled()),
             Self::Read(Footprint::Coarser { by, reach }) => Some(around(1, reach, rect.divided(by))),
-            Self::Write(Scale::Half) => Some(rect.halved()),
-            Self::Residual | Self::Write(Scale::Same) => Some(rect),
+            Self::Residual(scale) | Self::Write(scale) => Some(match scale {
+                Scale::Same => rect,
+                Scale::Double => rect.doubled(),
+                Scale::Half => rect.halved(),
+            }),
         }
     }
 }

@@ -82,7 +82,7 @@ impl Kernel for NormedConv3x3 {
 
     fn maps(&mut self, visit: &mut dyn FnMut(&mut View, Access)) {
         visit(&mut self.norm.src, Access::around(1, 1));
-        self.conv.residual.iter_mut().for_each(|residual| visit(residual, Access::Residual));
+        self.conv.residual.iter_mut().for_each(|residual| visit(residual, Access::Residual(Scale::Same)));
         visit(&mut self.conv.dst, Access::Write(Scale::Same));
     }
 

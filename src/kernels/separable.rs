@@ -113,7 +113,7 @@ impl Kernel for Separable3x3 {
 
     fn maps(&mut self, visit: &mut dyn FnMut(&mut View, Access)) {
         visit(&mut self.depthwise.src, Access::around(1, 1));
-        self.pointwise.residual.iter_mut().for_each(|residual| visit(residual, Access::Residual));
+        self.pointwise.residual.iter_mut().for_each(|residual| visit(residual, Access::Residual(Scale::Same)));
         visit(&mut self.pointwise.dst, Access::Write(Scale::Same));
     }
 

@@ -32,7 +32,7 @@ impl Shape {
         for (view, access) in call.maps() {
             match access {
                 Access::Read(_) => shape.inputs += view.channels,
-                Access::Residual => {}
+                Access::Residual(_) => {}
                 Access::Write(_) => shape.outputs += (view.elements() / tokens.max(1)) as u32,
             }
         }

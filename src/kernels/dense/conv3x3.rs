@@ -8,7 +8,7 @@ use crate::kernels::contracts::{self, halves};
 use crate::kernels::on_matrices::{self, DEPTH, dense_groups};
 use crate::kernels::pushes::Conv3x3Push;
 use crate::kernels::{
-    Access, Activation, Addresses, Arithmetic, BufferId, Footprint, Grid, Kernel, KernelTarget, PushBytes, Scale, Shuffle,
+    Access, Activation, Addresses, Arithmetic, BufferId, Grid, Kernel, KernelTarget, PushBytes, Scale, Shuffle,
     Storage, TILE, TexelRange, Tiles, Traffic, Variant, View, by_storage, flags,
 };
 
@@ -151,12 +151,12 @@ impl Kernel for Conv3x3 {
 
     fn maps(&mut self, visit: &mut dyn FnMut(&mut View, Access)) {
         visit(&mut self.src, Access::around(self.stride, 1));
-        let (added, scale) = match self.shuffle {
-            Shuffle::None => (Access::Residual, Scale::Same),
-            Shuffle::Shuffle => (Access::Read(Footprint::Finer), Scale::Double),
-            Shuffle::Unshuffle => (Access::Residual, Scale::Half),
+        let scale = match self.shuffle {
+            Shuffle::None => Scale::Same,
+            Shuffle::Shuffle => Scale::Double,
+            Shuffle::Unshuffle => Scale::Half,
         };
-        self.residual.iter_mut().for_each(|residual| visit(residual, added));
+        self.residual.iter_mut().for_each(|residual| visit(residual, Access::Residual(scale)));
         visit(&mut self.dst, Access::Write(scale));
     }
 

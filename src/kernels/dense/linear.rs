@@ -184,7 +184,7 @@ impl Kernel for Linear {
     fn maps(&mut self, visit: &mut dyn FnMut(&mut View, Access)) {
         visit(&mut self.src, Access::SAME);
         self.src_b.iter_mut().for_each(|source| visit(source, Access::SAME));
-        self.residual.iter_mut().for_each(|residual| visit(residual, Access::Residual));
+        self.residual.iter_mut().for_each(|residual| visit(residual, Access::Residual(Scale::Same)));
         visit(&mut self.dst, Access::Write(Scale::Same));
     }
 
