@@ -298,10 +298,10 @@ fn threads() {
 /// Known before it is allocated, and refused where a budget says so.
 #[test]
 fn memory_is_known_and_bounded() {
-    let (weights, extent) = (Weights::hybrid_kernels().unwrap(), Extent::new(200, 130));
+    let (weights, extent) = (Weights::hybrid_kernels().unwrap(), Extent::new(300, 200));
     let denoiser = Denoiser::new(device(), &weights, &Options::default()).unwrap();
     let needed = denoiser.memory_required(extent).unwrap();
-    assert_eq!(needed.staging, 200 * 130 * (40 + 12) + 4 * STATS_FLOATS);
+    assert_eq!(needed.staging, 300 * 200 * (40 + 12) + 4 * STATS_FLOATS);
     assert_eq!(needed.pass(), denoiser.pass(extent).unwrap().plan().bytes());
     let (color, rgb) = (vec![0.5; 3 * extent.pixels() as usize], Layout::interleaved(extent, 3));
     let frame = Frame { extent, color: Plane::f32(&color, rgb), features: Features::default() };

@@ -8,6 +8,7 @@ mod images;
 use common::compare::assert_same_bits;
 use common::image::RendererImage;
 use common::random::Random;
+use common::trained::residual_hybrid;
 use common::vulkan::{Renderer, RendererBuffer};
 use half::f16;
 use vkdenoise::{
@@ -117,10 +118,14 @@ struct Rig {
 
 impl Rig {
     fn new() -> Self {
+        Self::of(&Weights::hybrid_kernels().unwrap())
+    }
+
+    fn of(weights: &Weights) -> Self {
         let renderer = Renderer::new();
         // SAFETY: the handles are the renderer's, which is dropped last.
         let device = unsafe { Device::from_renderer(renderer.handles()) }.unwrap();
-        let denoiser = Denoiser::new(&device, &Weights::hybrid_kernels().unwrap(), &Options::default()).unwrap();
+        let denoiser = Denoiser::new(&device, weights, &Options::default()).unwrap();
         let mut random = Random::new(7);
         Self {
             pass: denoiser.pass(EXTENT).unwrap(),

@@ -91,11 +91,11 @@ enum vkdenoise_quality
   : uint32_t
 #endif // defined(__cplusplus) || __STDC_VERSION__ >= 202311L
  {
-  // The Hybrid.
+  // The network that ships: the Hybrid, which predicts kernels.
   VKDENOISE_QUALITY_BALANCED = 0,
-  // The Hybrid in half precision; what has converged is left as it is.
+  // The same in half precision; what has converged is left as it is.
   VKDENOISE_QUALITY_FAST = 1,
-  // The Hybrid that predicts kernels: the best pictures, for a little more time.
+  // Kept for a larger network; today it gives what VKDENOISE_QUALITY_BALANCED gives.
   VKDENOISE_QUALITY_HIGH = 2,
 };
 #ifndef __cplusplus
@@ -453,8 +453,8 @@ typedef struct vkdenoise_options {
   // 1: what depends on albedo, normal and depth alone is kept between frames, for
   // vkdenoise_frame_options.aux_unchanged. It costs device memory.
   uint32_t keep_aux;
-  // 1: frames may come with signals (vkdenoise_frame.signals). For VKDENOISE_QUALITY_HIGH; it may cost device
-  // memory.
+  // 1: frames may come with signals (vkdenoise_frame.signals). For networks that predict kernels, as the one that
+  // ships does; it may cost device memory.
   uint32_t signals;
   // 1: recordings label every kernel, and not the pass alone, for graphics debuggers (VK_EXT_debug_utils).
   uint32_t label_kernels;

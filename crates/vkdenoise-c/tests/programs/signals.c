@@ -289,7 +289,7 @@ static void tiles(vkdenoise_device *device) {
   strip.color = &from;
   strip.output = &to;
   vkdenoise_options options = VKDENOISE_INIT(vkdenoise_options);
-  options.memory_budget = 40 << 20;
+  options.memory_budget = 50 << 20;
   vkdenoise_denoiser *small;
   EXPECT(vkdenoise_denoiser_create(device, &options, &small) == VKDENOISE_STATUS_OK);
   vkdenoise_report report = VKDENOISE_INIT(vkdenoise_report);
