@@ -129,7 +129,7 @@ fn the_weights_are_held_once() {
         handles.upload_queue = queue;
         // SAFETY: the handles are the renderer's, which outlives the device.
         let device = unsafe { Device::from_renderer(handles) }.unwrap();
-        let denoiser = Denoiser::new(&device, &Weights::hybrid().unwrap(), &Options::default()).unwrap();
+        let denoiser = Denoiser::new(&device, &Weights::hybrid_kernels().unwrap(), &Options::default()).unwrap();
         assert_eq!(device.memory_bytes(), denoiser.device_bytes());
         device.memory_bytes()
     });
