@@ -83,7 +83,7 @@ impl Frame<'_> {
     /// Checks every plane against the extent.
     ///
     /// # Errors
-    /// [`Error::EmptyFrame`], [`Error::PlaneMismatch`].
+    /// [`crate::Error::EmptyFrame`], [`crate::Error::PlaneMismatch`].
     pub fn check(&self) -> Result<()> {
         self.extent.check()?;
         self.color.check("colour", self.extent, 3)?;

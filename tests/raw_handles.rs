@@ -1,4 +1,5 @@
-//! A renderer's device handed over as raw handles is the same device; the queue that it lends is used for weights alone.
+//! A renderer's device handed over as raw handles is the same device; the queue that it lends is used for weights
+//! alone.
 
 mod common;
 

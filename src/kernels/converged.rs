@@ -27,7 +27,8 @@ pub const BLEND_PIXELS: u32 = 8;
 /// Tiles a workgroup for which [`TileList`] counts the workgroups.
 pub const TILES_A_GROUP: [u32; 5] = [1, 2, 4, 8, 16];
 
-/// Size of the map, in squares; of a padded frame, whose sides are multiples of [`MAP_TILE`].
+/// Size of a map of converged squares, in squares of 16x16 pixels; of a padded frame, whose sides are multiples of
+/// that.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub struct MapSize {
     /// Squares in x.

@@ -1,5 +1,5 @@
-//! How kernels on cooperative matrices cut their work: what their own files have in common, where each says how it does.
-//! Shared memory is to hold what a workgroup stages (`glsl/shared/matrix_dense.glsl`).
+//! How kernels on cooperative matrices cut their work: what their own files, where each says how it does, have in
+//! common. Shared memory is to hold what a workgroup stages (`glsl/shared/matrix_dense.glsl`).
 
 use super::contract::Specialisation;
 use super::contracts::MATRIX_SUBGROUPS;

@@ -34,9 +34,10 @@ impl Pass {
     /// Resolves a frame in the renderer's buffers. Not for the frame's hot path: it may compile kernels.
     ///
     /// # Errors
-    /// [`Error::PlaneMismatch`]; [`Error::Binding`] for a format that the plane cannot have, [`Error::InvalidOption`] for
-    /// an encoding of depths that it cannot; [`Error::Unsupported`] where the output's samples are halves and the
-    /// device cannot write them; [`Error::OutOfMemory`], [`Error::Vulkan`].
+    /// [`crate::Error::PlaneMismatch`]; [`crate::Error::Binding`] for a format that the plane cannot have,
+    /// [`crate::Error::InvalidOption`] for an encoding of depths that it cannot; [`crate::Error::Unsupported`] where
+    /// the output's samples are halves and the device cannot write them; [`crate::Error::OutOfMemory`],
+    /// [`crate::Error::Vulkan`].
     ///
     /// # Safety
     /// The buffers are valid, as their fields say, and belong to the device.
@@ -49,9 +50,9 @@ impl Pass {
     /// the pass's own memory, so that their number is free ([`BufferSignal`]). Barriers as for the frame's planes.
     ///
     /// # Errors
-    /// As [`Pass::bind_buffers`]; [`Error::InvalidOption`] where the denoiser was made without
+    /// As [`Pass::bind_buffers`]; [`crate::Error::InvalidOption`] where the denoiser was made without
     /// [`Options::signals`](crate::Options::signals), and for a signal of a number of channels that its kind does not
-    /// have; [`Error::Binding`] where a signal's output has samples of another type than the frame's.
+    /// have; [`crate::Error::Binding`] where a signal's output has samples of another type than the frame's.
     ///
     /// # Safety
     /// As [`Pass::bind_buffers`], of the signals' buffers too.
@@ -78,8 +79,8 @@ impl Pass {
     /// descriptor sets, which are never updated afterwards.
     ///
     /// # Errors
-    /// [`Error::PlaneMismatch`]; [`Error::Binding`], [`Error::InvalidOption`] as of buffers; [`Error::OutOfMemory`],
-    /// [`Error::Vulkan`].
+    /// [`crate::Error::PlaneMismatch`]; [`crate::Error::Binding`], [`crate::Error::InvalidOption`] as of buffers;
+    /// [`crate::Error::OutOfMemory`], [`crate::Error::Vulkan`].
     ///
     /// # Safety
     /// The views are valid, as their fields say, belong to the device, and live as long as the binding.

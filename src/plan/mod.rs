@@ -9,6 +9,7 @@ mod converged_reach;
 mod featureless;
 mod features;
 mod fuse;
+mod halves;
 mod hazards;
 mod lower;
 mod ops;

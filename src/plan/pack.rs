@@ -1,6 +1,7 @@
 //! How weights lie in device memory: in the order in which a kernel reads them, padded with zeros to what it computes
 //! at once, as 32-bit floats or, for matrices, halves.
 
+use super::halves::in_blocks;
 use super::{predicted, unembed, winograd};
 use crate::kernels::attention_block::BIAS_ROWS;
 use crate::kernels::dense::{TILE_CHANNELS, conv_tile_channels};
@@ -9,7 +10,6 @@ use crate::kernels::predicted::{MATRIX_WEIGHTS, WEIGHTS};
 use crate::kernels::winograd::{WINOGRAD_CHANNELS, WinogradTile};
 use crate::net::op::{ConvWeight, LinearWeight};
 use crate::net::weights::{Weights, WeightsError};
-use half::f16;
 
 /// Values of a head's bias table, padded.
 pub const BIAS_TABLE_STRIDE: usize = 228;
@@ -350,29 +350,6 @@ impl Pack {
         }
         Ok(())
     }
-}
-
-const LARGEST_HALF: f32 = 65504.0;
-
-/// A matrix of so many rows and columns as halves, two in a word: `[DEPTH rows][column][row]`, filled up with rows of
-/// zeros.
-pub(super) fn in_blocks(rows: usize, columns: usize, value: impl Fn(usize, usize) -> f32) -> Vec<u32> {
-    let depth = DEPTH as usize;
-    let mut words = Vec::with_capacity(rows.next_multiple_of(depth) * columns / 2);
-    for (block, column) in (0..rows.div_ceil(depth)).flat_map(|block| (0..columns).map(move |column| (block, column))) {
-        for pair in (block * depth..(block + 1) * depth).step_by(2) {
-            let of = |row: usize| if row < rows { value(row, column) } else { 0.0 };
-            words.push(halves(&[of(pair), of(pair + 1)]));
-        }
-    }
-    words
-}
-
-/// Two values as halves in a word, the first in its lower part.
-pub(super) fn halves(pair: &[f32]) -> u32 {
-    // Larger values would become infinite, and the sums NaN.
-    let half = |value: &f32| u32::from(f16::from_f32(value.clamp(-LARGEST_HALF, LARGEST_HALF)).to_bits());
-    pair.iter().rev().fold(0, |word, value| word << 16 | half(value))
 }
 
 /// A dense matrix as it is packed: tiles of `width` outputs, of each `count` rows.

@@ -1,5 +1,5 @@
-//! The weights of a network as the kernels chosen for it read them: what is packed, and where it lies. It is the same at
-//! every size.
+//! The weights of a network as the kernels chosen for it read them: what is packed, and where it lies. It is the same
+//! at every size.
 
 use super::pack::Pack;
 use crate::net::weights::{Weights, WeightsError};

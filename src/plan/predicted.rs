@@ -1,6 +1,6 @@
 //! The weights of [`crate::kernels::predicted::PredictKernels`], as `glsl/predict_kernels.comp` reads them.
 
-use super::pack::in_blocks;
+use super::halves::in_blocks;
 use crate::kernels::predicted::{MATRIX_ROWS, MATRIX_WEIGHTS, WEIGHTS};
 use crate::net::head::{FULL_OUTPUTS, HIDDEN};
 use crate::net::weights::{Weights, WeightsError};

@@ -4,7 +4,7 @@
 //! of its token meets the tokens from `d - 2` to `d + 1` of each direction. Beyond the frame the second reads zeros,
 //! not what the first would make there: weights of a border leave out that tap.
 
-use super::pack::halves;
+use super::halves::halves;
 use crate::kernels::unembed::{BLOCK, MATRIX_OUTPUTS, MATRIX_SETS, ROWS, SETS, TAPS};
 
 /// 32-bit floats of the packed form.

@@ -68,8 +68,8 @@ impl RendererDevice {
     /// find the functions of Vulkan 1.2 (an instance made for less, or no instance of that loader).
     ///
     /// # Safety
-    /// The handles are valid and belong together, `upload_queue` too where there is one, and `get_instance_proc_addr` is the `vkGetInstanceProcAddr` of the
-    /// loader that made the instance.
+    /// The handles are valid and belong together, `upload_queue` too where there is one, and `get_instance_proc_addr`
+    /// is the `vkGetInstanceProcAddr` of the loader that made the instance.
     pub unsafe fn from_raw(raw: &RawDevice) -> Result<Self> {
         let null =
             |option| Err(Error::InvalidOption { option, reason: "null; it must be a handle of Vulkan's".into() });

@@ -115,9 +115,9 @@ pub struct Renderer {
     pub enabled_features: u32,
     /// As vkdenoise_device_options.cache.
     pub cache: *const c_char,
-    /// A queue of queue_family that vkdenoise_denoiser_create may submit to and wait for: weights then go to memory that
-    /// is the GPU's own, by a copy. The caller sees to it that nothing else uses the queue while that function runs on
-    /// the device; calls of it synchronise among themselves. NULL: weights stay where the host writes them, in memory
+    /// A queue of queue_family that vkdenoise_denoiser_create may submit to and wait for: weights then go to memory
+    /// that is the GPU's own, by a copy. The caller sees to it that nothing else uses the queue while that function
+    /// runs on the device; calls of it synchronise among themselves. NULL: weights stay where the host writes them, in memory
     /// that is both where the device has such, and otherwise in the host's, which kernels read at every frame.
     pub upload_queue: *mut VkQueue_T,
 }
@@ -263,8 +263,8 @@ pub unsafe extern "C" fn vkdenoise_device_open(options: *const DeviceOptions, de
     guard(|| unsafe { handle::give(device, open) })
 }
 
-/// Uses a renderer's device. The library makes memory, pipelines and descriptor sets on it. Passes are recorded into the
-/// renderer's command buffers; nothing is submitted or waited for, but by vkdenoise_denoiser_create on upload_queue
+/// Uses a renderer's device. The library makes memory, pipelines and descriptor sets on it. Passes are recorded into
+/// the renderer's command buffers; nothing is submitted or waited for, but by vkdenoise_denoiser_create on upload_queue
 /// where that is given. The handles must be valid, belong together and outlive the device and all that is made from it.
 ///
 /// @param device receives the device; destroy it with vkdenoise_device_destroy.

@@ -39,9 +39,9 @@ pub struct RendererDevice {
     pub debug_utils: bool,
     /// Where compiled kernels are kept for the next process.
     pub cache: Cache,
-    /// A queue of `queue_family` that [`crate::Denoiser::new`] may submit to and wait for: weights then go to memory that
-    /// is the GPU's own, by a copy. `None`: they stay where the host writes them, in memory that is both where the
-    /// device has such, and otherwise in the host's, which kernels read over the bus at every frame.
+    /// A queue of `queue_family` that [`crate::Denoiser::new`] may submit to and wait for: weights then go to memory
+    /// that is the GPU's own, by a copy. `None`: they stay where the host writes them, in memory that is both where
+    /// the device has such, and otherwise in the host's, which kernels read over the bus at every frame.
     pub upload_queue: Option<vk::Queue>,
 }
 
