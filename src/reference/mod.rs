@@ -13,6 +13,7 @@ mod frame_io;
 mod map;
 mod maps;
 mod matrix;
+mod noisy_albedo;
 mod parallel;
 mod parameters;
 mod predicted;
