@@ -1,4 +1,5 @@
-// Albedo, normal and depth to the network's seven auxiliary channels, padded by reflection.
+// Albedo, normal and depth to the network's seven auxiliary channels, padded by reflection. FILTERED: the albedo is a
+// mean where it is noisy.
 #version 460
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"
@@ -69,23 +70,41 @@ float unit_or(float x, float otherwise) {
     return is_finite(x) ? clamp(x, 0.0, 1.0) : otherwise;
 }
 
+vec3 unit_albedo(uvec2 at) {
+    if (!is_present(albedo_plane.format)) return vec3(0.0);
+    vec3 a = read_albedo(at);
+    return vec3(unit_or(a.x, 0.0), unit_or(a.y, 0.0), unit_or(a.z, 0.0));
+}
+
+vec3 unit_normal(uvec2 at) {
+    if (!is_present(normal_plane.format)) return vec3(0.5);
+    vec3 n = read_normal(at) * 0.5 + 0.5;
+    return vec3(unit_or(n.x, 0.5), unit_or(n.y, 0.5), unit_or(n.z, 0.5));
+}
+
+#ifdef FILTERED
+#include "shared/noisy_albedo.glsl"
+#endif
+
 void main() {
     uint slot = group_index();
     if (slot >= tiles_of(tile_count, flags, tiles)) return;
-    uvec2 to = tile_origin(slot, first_tile, flags, tiles);
-    to += uvec2(gl_LocalInvocationID.x % 8u, gl_LocalInvocationID.x / 8u);
+    uvec2 origin = tile_origin(slot, first_tile, flags, tiles);
+    uvec2 to = origin + uvec2(gl_LocalInvocationID.x % 8u, gl_LocalInvocationID.x / 8u);
     uvec2 at = uvec2(reflect_index(to.x, width), reflect_index(to.y, height));
 
-    vec3 a = vec3(0.0);
-    if (is_present(albedo_plane.format)) {
-        a = read_albedo(at);
-        a = vec3(unit_or(a.x, 0.0), unit_or(a.y, 0.0), unit_or(a.z, 0.0));
+#ifdef FILTERED
+    vec3 a;
+    // Both are needed to tell noise from texture. The same for all invocations.
+    if (is_present(albedo_plane.format) && is_present(normal_plane.format)) {
+        a = filtered_albedo(origin, uvec2(width, height));
+    } else {
+        a = unit_albedo(at);
     }
-    vec3 n = vec3(0.5);
-    if (is_present(normal_plane.format)) {
-        n = read_normal(at) * 0.5 + 0.5;
-        n = vec3(unit_or(n.x, 0.5), unit_or(n.y, 0.5), unit_or(n.z, 0.5));
-    }
+#else
+    vec3 a = unit_albedo(at);
+#endif
+    vec3 n = unit_normal(at);
     float d = 0.0;
     if (is_present(depth_plane.format)) d = min(read_depth(at) / depth_scale.v[0], 1.0);
     uint index = (to.y * dst_width + to.x) * 2u;

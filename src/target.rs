@@ -22,6 +22,8 @@ pub struct Target {
     /// Gives what depends on albedo, normal and depth alone, and is read by the rest, a place of its own: it can be
     /// used for the next frame.
     pub keep_features: bool,
+    /// Whether albedo is taken as it is, not filtered where it is noisy.
+    pub clean_aux: bool,
     /// Whether it is a tile of a larger frame, which gives what is of the whole ([`crate::plan::tile`]): the places of
     /// that are kept for it. Not with `converged` and `keep_features`.
     pub of_tile: bool,
@@ -78,6 +80,7 @@ impl Default for Target {
             max_block_bytes: u64::MAX,
             keep_all: false,
             keep_features: false,
+            clean_aux: false,
             of_tile: false,
             converged: None,
             signals: false,
@@ -129,6 +132,7 @@ impl Target {
             attention: options.attention.unwrap_or(suitable.attention),
             max_chain_bytes: options.max_chain_bytes.unwrap_or(suitable.max_chain_bytes),
             keep_features: options.keep_features,
+            clean_aux: options.clean_aux,
             converged: options.converged.map(|converged| converged.mode),
             signals: options.signals,
             ..suitable

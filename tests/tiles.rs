@@ -60,7 +60,14 @@ fn picture(extent: Extent) -> TestFrame {
         }
     }
     let Some(TestPlane { samples: Samples::F32(normal), .. }) = &mut frame.normal else { unreachable!() };
-    normal.chunks_exact_mut(3).for_each(|normal| normal.copy_from_slice(&[0.0, 0.0, 1.0]));
+    // Noisy features here and there, also where tiles meet.
+    for (i, (normal, albedo)) in normal.chunks_exact_mut(3).zip(albedo.chunks_exact_mut(3)).enumerate() {
+        if i % width % 64 >= 48 && i / width % 32 >= 16 {
+            albedo.iter_mut().zip(normal).for_each(|(albedo, normal)| *albedo *= 0.5 + 0.5 * *normal);
+        } else {
+            normal.copy_from_slice(&[0.0, 0.0, 1.0]);
+        }
+    }
     let Some(TestPlane { samples: Samples::F32(depth), .. }) = &mut frame.depth else { unreachable!() };
     depth.iter_mut().enumerate().for_each(|(i, depth)| *depth = 2.0 + (i / width) as f32 * 0.05);
     frame

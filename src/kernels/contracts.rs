@@ -202,6 +202,11 @@ contracts! {
         INPUT_AUX = "input_aux" "input_aux.comp" InputAuxPush {} &[], HALVES;
         /// Features' input from images.
         INPUT_AUX_IMAGE = "input_aux_image" "input_aux.comp" InputAuxPush { "IMAGES": "1" } &[], HALVES;
+        /// Features' input, its albedo filtered where it is noisy.
+        INPUT_AUX_FILTERED = "input_aux_filtered" "input_aux.comp" InputAuxPush { "FILTERED": "1" } &[], HALVES;
+        /// The same from images.
+        INPUT_AUX_FILTERED_IMAGE = "input_aux_filtered_image" "input_aux.comp" InputAuxPush
+            { "FILTERED": "1", "IMAGES": "1" } &[], HALVES;
     }
     others {
         /// Convolution, stride 1, from a map of 32-bit floats to one of halves.

@@ -125,11 +125,14 @@ pub(super) fn firefly_flags(fireflies: Fireflies) -> u32 {
     }
 }
 
-/// Albedo, normal and depth to the network's seven auxiliary channels and a zero.
+/// Albedo, normal and depth to the network's seven auxiliary channels and a zero. Albedo is a mean of 7x7 pixels where
+/// it and the normals are noisy (`docs/neutral.md`).
 #[derive(Clone, Debug, PartialEq)]
 pub struct InputAux {
     /// One float.
     pub depth_scale: BufferId,
+    /// Whether albedo is taken as it is.
+    pub clean: bool,
     /// Eight channels, padded size.
     pub dst: View,
     /// Size of the frame in pixels.
@@ -142,10 +145,13 @@ pub struct InputAux {
 
 impl Kernel for InputAux {
     fn choose(&self, target: KernelTarget) -> Variant {
-        Variant::plain(match target.images {
-            true => by_storage(self.dst.storage, &contracts::INPUT_AUX_IMAGE, &halves::INPUT_AUX_IMAGE),
-            false => by_storage(self.dst.storage, &contracts::INPUT_AUX, &halves::INPUT_AUX),
-        })
+        let (floats, halves) = match (target.images, self.clean) {
+            (true, true) => (&contracts::INPUT_AUX_IMAGE, &halves::INPUT_AUX_IMAGE),
+            (false, true) => (&contracts::INPUT_AUX, &halves::INPUT_AUX),
+            (true, false) => (&contracts::INPUT_AUX_FILTERED_IMAGE, &halves::INPUT_AUX_FILTERED_IMAGE),
+            (false, false) => (&contracts::INPUT_AUX_FILTERED, &halves::INPUT_AUX_FILTERED),
+        };
+        Variant::plain(by_storage(self.dst.storage, floats, halves))
     }
 
     fn groups(&self, _: &Variant) -> [u32; 3] {

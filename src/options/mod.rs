@@ -85,6 +85,10 @@ pub struct Options {
     pub blend: f32,
     /// What the host path does with fireflies.
     pub fireflies: Fireflies,
+    /// Whether albedo and normals are free of noise, or were denoised before. Else albedo is a mean of 7x7 pixels where it
+    /// and the normals are noisy, as in glass, rough reflections and depth of field (`docs/neutral.md`); what is not noisy
+    /// keeps its bits.
+    pub clean_aux: bool,
     /// Which of the network's operations are folded into others: the same result but for rounding, for less work.
     /// `None`: those that pay on the device.
     pub folds: Option<Folds>,

@@ -229,7 +229,14 @@ impl<'a> Lowering<'a> {
             ),
             (
                 "input.aux",
-                Call::InputAux(frame_io::InputAux { depth_scale, dst: aux, width, height, tiles: Tiles::All }),
+                Call::InputAux(frame_io::InputAux {
+                    depth_scale,
+                    clean: self.options.clean_aux,
+                    dst: aux,
+                    width,
+                    height,
+                    tiles: Tiles::All,
+                }),
             ),
         ] {
             self.push(name, Stage::Input, 0, call);

@@ -1,6 +1,7 @@
 //! Twins of the frame's way into the network and out of it ([`crate::kernels::frame_io`]).
 
 use super::map::Map;
+use super::noisy_albedo;
 use super::samples::{Mending, Way, light_of};
 use super::signals::SignalData;
 use super::tiles;
@@ -124,6 +125,11 @@ impl FrameData {
         self.depth.as_ref().map(|plane| plane[pixel]).filter(|&depth| depth > 0.0 && depth < self.far)
     }
 
+    /// Whether there are both albedo and normals.
+    fn has_albedo_and_normal(&self) -> bool {
+        self.albedo.is_some() && self.normal.is_some()
+    }
+
     /// The seven auxiliary channels of a pixel.
     fn features(&self, pixel: usize, depth_scale: f64) -> [f64; 7] {
         let three = |plane: &Option<Vec<f32>>, missing: f64, map: fn(f64) -> f64| {
@@ -168,13 +174,19 @@ impl Twin for InputColor {
 }
 
 impl Twin for InputAux {
-    /// Albedo, normal, depth and a zero, reflected into the padding.
+    /// Albedo, filtered where it is noisy, normal, depth and a zero, reflected into the padding.
     fn compute(&self, reference: &mut Reference) {
         let depth_scale = reference.buffer(self.depth_scale)[0];
         let frame = &reference.frame;
+        let size = [self.width as usize, self.height as usize];
+        let features: Vec<_> = (0..size[0] * size[1]).map(|pixel| frame.features(pixel, depth_scale)).collect();
+        let filters = !self.clean && frame.has_albedo_and_normal();
         let mut map = Map::zeros(self.dst.width as usize, self.dst.height as usize, self.dst.channels as usize);
         fill(&mut map, self.width, self.height, |x, y, token| {
-            token[..7].copy_from_slice(&frame.features(y * self.width as usize + x, depth_scale));
+            token[..7].copy_from_slice(&features[y * size[0] + x]);
+            if filters {
+                token[..3].copy_from_slice(&noisy_albedo::filtered(&features, size, x, y));
+            }
         });
         let tiles = reference.tiles(&self.tiles, self.dst.width, self.dst.height);
         reference.store(&map, &self.dst, &tiles, |x, y, channel| (x, y, channel));

@@ -13,6 +13,7 @@ mod fused;
 mod map;
 mod maps;
 mod matrix;
+mod noisy_albedo;
 mod parallel;
 mod parameters;
 mod predicted;

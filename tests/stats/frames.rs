@@ -15,6 +15,21 @@ fn with_depth(frame: TestFrame, depth: Vec<f32>) -> TestFrame {
     TestFrame { depth: Some(TestPlane::packed(frame.extent, 1, depth)), ..frame }
 }
 
+/// Features that grow noisy from the left to the right, and bars on them.
+fn with_noisy_features(frame: TestFrame) -> TestFrame {
+    let (extent, mut random) = (frame.extent, Random::new(6));
+    let mut plane = |low: f32, slope: f32| {
+        let value = |i: usize| {
+            let (x, y) = (i / 3 % extent.width as usize, i / 3 / extent.width as usize);
+            let noise = if x < 16 { 0.0 } else { 0.004 * (x - 16) as f32 * random.uniform(-1.0, 1.0) };
+            low + slope * y as f32 + noise + if y % 13 < 2 { 0.2 } else { 0.0 }
+        };
+        let samples = (0..3 * extent.pixels() as usize).map(value).collect();
+        Some(TestPlane::packed(extent, 3, samples))
+    };
+    TestFrame { albedo: plane(0.3, 0.005), normal: plane(-0.5, 0.02), ..frame }
+}
+
 /// Frames whose statistics are easy to get wrong.
 pub fn frames() -> Vec<(&'static str, TestFrame)> {
     let odd = Extent::new(70, 45);
@@ -90,5 +105,7 @@ pub fn frames() -> Vec<(&'static str, TestFrame)> {
         ("lights", with_pixels(smooth(), &lights)),
         ("lights, spread out", with_pixels(smooth(), &lights).spread(false)),
         ("all infinite", flat(Extent::new(9, 9), inf)),
+        ("noisy features", with_noisy_features(flat(Extent::new(99, 45), 0.5))),
+        ("noisy features, spread out, halves", with_noisy_features(flat(Extent::new(99, 45), 0.5)).spread(true)),
     ]
 }

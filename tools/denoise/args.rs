@@ -106,6 +106,11 @@ pub struct Args {
     #[arg(long, value_name = "F", default_value = "auto", value_parser = parsed::<Fireflies>)]
     pub fireflies: Fireflies,
 
+    /// Albedo and normals are free of noise, or were denoised before: take them as they are. Else albedo is filtered
+    /// where it is noisy, as in glass and depth of field
+    #[arg(long)]
+    pub clean_aux: bool,
+
     /// Most device memory to use, in MiB: an image that needs more is denoised in tiles that overlap
     #[arg(long, value_name = "MIB")]
     pub memory_budget: Option<u64>,

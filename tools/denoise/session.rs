@@ -55,12 +55,13 @@ impl Engine {
     fn open(args: &Args, weights: &Weights, selector: &DeviceSelector) -> Result<Self, Error> {
         let (selector, cache) = (selector.clone(), args.cache.clone());
         let device = Device::open_with(&DeviceOptions { selector, cache, ..DeviceOptions::default() })?;
-        let Args { precision, exposure, blend, fireflies, memory_budget, .. } = args;
+        let Args { precision, exposure, blend, fireflies, clean_aux, memory_budget, .. } = args;
         let options = Options {
             precision: if *precision == Precision::Auto { args.quality.precision(&device) } else { *precision },
             exposure: *exposure,
             blend: *blend,
             fireflies: *fireflies,
+            clean_aux: *clean_aux,
             memory_budget: memory_budget.map(|mib| mib << 20),
             converged: args.converged(),
             signals: !args.signals().is_empty(),

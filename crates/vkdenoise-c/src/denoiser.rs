@@ -104,6 +104,11 @@ pub struct Options {
     pub signals: u32,
     /// 1: recordings label every kernel, and not the pass alone, for graphics debuggers (VK_EXT_debug_utils).
     pub label_kernels: u32,
+    /// 1: albedo and normals are free of noise, or were denoised before, and are taken as they are. 0: albedo is
+    /// filtered where it and the normals are noisy, as in glass and depth of field.
+    pub clean_aux: u32,
+    /// Must be 0.
+    pub reserved: u32,
 }
 descriptor!(Options, "vkdenoise_options", keep_aux: u32);
 
@@ -153,6 +158,7 @@ pub unsafe extern "C" fn vkdenoise_denoiser_create(
     let make = || {
         // SAFETY: the caller's pointers are as the header says; the same below.
         let (device, options) = unsafe { (handle::borrow(device, "device")?, descriptor::read_or_default(options)?) };
+        descriptor::reserved::<Options>(options.reserved)?;
         let (device, quality) = (&device.0, quality(options.quality)?);
         // SAFETY: as above.
         let weights = match unsafe { handle::text(options.weights_file, "weights_file")? } {
@@ -175,6 +181,7 @@ pub unsafe extern "C" fn vkdenoise_denoiser_create(
             keep_features: flag(options.keep_aux, "keep_aux")?,
             signals: flag(options.signals, "signals")?,
             label_kernels: flag(options.label_kernels, "label_kernels")?,
+            clean_aux: flag(options.clean_aux, "clean_aux")?,
             ..CoreOptions::default()
         };
         Ok(Denoiser::new(vkdenoise::Denoiser::new(device, &weights, &options)?))

@@ -77,9 +77,9 @@ pub struct Denoiser {
 #[pymethods]
 impl Denoiser {
     #[new]
-    #[pyo3(signature = (*, quality="balanced", weights=None, precision="auto", blend=0.0, skip_below=None,
-        skip_mode="approximate", memory_budget=None, keep_features=false, signals=false, device=None,
-        cache=PathBuf::from("user")))]
+    #[pyo3(signature = (*, quality="balanced", weights=None, precision="auto", blend=0.0, clean_aux=false,
+        skip_below=None, skip_mode="approximate", memory_budget=None, keep_features=false, signals=false,
+        device=None, cache=PathBuf::from("user")))]
     #[allow(clippy::too_many_arguments, reason = "keywords")]
     fn new(
         py: Python<'_>,
@@ -87,6 +87,7 @@ impl Denoiser {
         weights: Option<PathBuf>,
         precision: &str,
         blend: f32,
+        clean_aux: bool,
         skip_below: Option<f32>,
         skip_mode: &str,
         memory_budget: Option<u64>,
@@ -101,6 +102,7 @@ impl Denoiser {
             weights,
             precision: precision.parse().map_err(raised)?,
             blend,
+            clean_aux,
             converged: settings::converged(quality, skip_below, skip_mode.parse().map_err(raised)?),
             memory_budget,
             keep_features,

@@ -38,6 +38,7 @@ pub struct Settings {
     pub weights: Option<PathBuf>,
     pub precision: Precision,
     pub blend: f32,
+    pub clean_aux: bool,
     pub converged: Option<Converged>,
     pub memory_budget: Option<u64>,
     pub keep_features: bool,
@@ -90,6 +91,7 @@ impl Settings {
         let options = Options {
             precision,
             blend: self.blend,
+            clean_aux: self.clean_aux,
             converged: self.converged,
             memory_budget: self.memory_budget,
             keep_features: self.keep_features,

@@ -19,6 +19,7 @@ OPTIONS: list[tuple[dict[str, Any], list[str]]] = [
     ({"blend": 0.25}, ["--blend", "0.25"]),
     ({"fireflies": "keep"}, ["--fireflies", "keep"]),
     ({"fireflies": "mend"}, ["--fireflies", "mend"]),
+    ({"clean_aux": True}, ["--clean-aux"]),
     ({"skip_below": 0.3, "skip_mode": "exact"}, ["--skip-below", "0.3", "--skip-mode", "exact"]),
     ({"quality": "fast", "skip_below": 0.0}, ["--quality", "fast", "--skip-below", "0"]),
 ]

@@ -124,6 +124,28 @@ class PreprocessTest(unittest.TestCase):
         color[8:] = 1.0
         np.testing.assert_array_equal(preprocess.largest_of(color), 1)
 
+    def test_noisy_albedo_is_filtered(self):
+        random = np.random.default_rng(3).random((2, 20, 24, 3)).astype(np.float32)
+        albedo, normal = random[0], 2 * random[1] - 1
+        aux = preprocess.auxiliary((20, 24), albedo, normal, None, 1.0, clean_aux=False)
+        self.assertLess(aux[..., :3].var(), 0.1 * albedo.var())
+        np.testing.assert_array_equal(aux[..., 3:], preprocess.auxiliary((20, 24), albedo, normal, None, 1.0)[..., 3:])
+        # Grain under smooth normals is texture, a rough surface of one colour has nothing to filter; edges and bars are neither.
+        x, y = np.meshgrid(np.arange(24), np.arange(20))
+        smooth = np.stack([x / 50, y / 40, np.full(x.shape, 0.5)], -1).astype(np.float32)
+        bars = [(along % 7 < 2)[..., None] * np.ones(3, np.float32) for along in (x, y, x + y, x - y)]
+        cases = [(albedo, smooth), (smooth, smooth), (np.full_like(albedo, 0.5), normal), *((bar, 2 * bar - 1) for bar in bars)]
+        inside = slice(3, -3)  # the mirror breaks diagonals
+        for a, n in cases:
+            kept = preprocess.auxiliary((20, 24), a, n, None, 1.0, clean_aux=False)
+            np.testing.assert_array_equal(kept[inside, inside, :3], a[inside, inside])
+
+    def test_small_frames_are_mirrored(self):
+        for shape in (1, 1), (1, 7), (2, 3):
+            albedo, normal = np.random.default_rng(4).random((2, *shape, 3)).astype(np.float32)
+            aux = preprocess.auxiliary(shape, albedo, normal, None, 1.0, clean_aux=False)
+            self.assertTrue((aux[..., :3] <= albedo.max((0, 1))).all() and (aux[..., :3] >= albedo.min((0, 1))).all())
+
     def test_auxiliary(self):
         shape = (2, 2)
         missing = preprocess.auxiliary(shape, None, None, None, 1.0)

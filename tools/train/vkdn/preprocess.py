@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from . import noisy_albedo
+
 METADATA = {"exposure": "auto", "depth": "percentile", "version": 2}
 # Weights of these versions run by the same rules: they differ in samples that are no light and in lone bright pixels alone.
 VERSIONS = (1, 2)
@@ -252,8 +254,9 @@ def split(color, exposure, key, fireflies="auto"):
     return np.log1p(np.minimum(exposed, RANGE)).astype(np.float32), beyond.astype(np.float32), given
 
 
-def auxiliary(shape, albedo, normal, depth, depth_scale):
-    """The 7 channels albedo, normal, depth, [H, W, 7] in [0, 1]. A plane that is None is missing."""
+def auxiliary(shape, albedo, normal, depth, depth_scale, clean_aux=True):
+    """The 7 channels albedo, normal, depth, [H, W, 7] in [0, 1]. A plane that is None is missing. Without `clean_aux` the albedo
+    is filtered where it is noisy."""
     out = np.zeros((*shape, 7), np.float32)
     out[..., 3:6] = 0.5
     if albedo is not None:
@@ -262,6 +265,8 @@ def auxiliary(shape, albedo, normal, depth, depth_scale):
         out[..., 3:6] = np.where(np.isfinite(normal), np.clip((normal + 1) / 2, 0, 1), 0.5)
     if depth is not None:
         out[..., 6] = np.where(is_depth(depth), np.clip(depth / np.float32(depth_scale), 0, 1), 0)
+    if not clean_aux and albedo is not None and normal is not None:
+        out[..., :3] = noisy_albedo.filtered(out[..., :3], out[..., 3:6])
     return out
 
 

@@ -111,6 +111,9 @@ static void denoiser_arguments(vkdenoise_device *device, vkdenoise_denoiser *den
   options.keep_aux = 2;
   REFUSED(vkdenoise_denoiser_create(device, &options, &none), VKDENOISE_STATUS_INVALID_ARGUMENT, "keep_aux");
   options.keep_aux = 0;
+  options.clean_aux = 2;
+  REFUSED(vkdenoise_denoiser_create(device, &options, &none), VKDENOISE_STATUS_INVALID_ARGUMENT, "clean_aux");
+  options.clean_aux = 0;
   options.weights_file = "/no/such/file.safetensors";
   REFUSED(vkdenoise_denoiser_create(device, &options, &none), VKDENOISE_STATUS_WEIGHTS, "/no/such/file");
   vkdenoise_memory memory = VKDENOISE_INIT(vkdenoise_memory);

@@ -62,6 +62,7 @@ def _denoiser(
     weights: str | os.PathLike[str] | None,
     precision: Precision,
     blend: float,
+    clean_aux: bool,
     skip_below: float | None,
     skip_mode: SkipMode,
     memory_budget: int | None,
@@ -70,7 +71,7 @@ def _denoiser(
 ) -> Denoiser:
     """The last one if it was made of the same options."""
     global _last
-    wanted = (quality, weights, precision, blend, skip_below, skip_mode, memory_budget, signals, device)
+    wanted = (quality, weights, precision, blend, clean_aux, skip_below, skip_mode, memory_budget, signals, device)
     key = (*wanted, os.environ.get("VKDENOISE_DEVICE"))
     with _lock:
         if _last is None or _last[0] != key:
@@ -81,6 +82,7 @@ def _denoiser(
                 weights=weights,
                 precision=precision,
                 blend=blend,
+                clean_aux=clean_aux,
                 skip_below=skip_below,
                 skip_mode=skip_mode,
                 memory_budget=memory_budget,
@@ -105,6 +107,7 @@ def denoise(
     exposure: float | None = ...,
     blend: float = ...,
     fireflies: Fireflies = ...,
+    clean_aux: bool = ...,
     region: Sequence[int] | None = ...,
     skip_below: float | None = ...,
     skip_mode: SkipMode = ...,
@@ -131,6 +134,7 @@ def denoise(
     exposure: float | None = ...,
     blend: float = ...,
     fireflies: Fireflies = ...,
+    clean_aux: bool = ...,
     region: Sequence[int] | None = ...,
     skip_below: float | None = ...,
     skip_mode: SkipMode = ...,
@@ -157,6 +161,7 @@ def denoise(
     exposure: float | None = ...,
     blend: float = ...,
     fireflies: Fireflies = ...,
+    clean_aux: bool = ...,
     region: Sequence[int] | None = ...,
     skip_below: float | None = ...,
     skip_mode: SkipMode = ...,
@@ -183,6 +188,7 @@ def denoise(
     exposure: float | None = ...,
     blend: float = ...,
     fireflies: Fireflies = ...,
+    clean_aux: bool = ...,
     region: Sequence[int] | None = ...,
     skip_below: float | None = ...,
     skip_mode: SkipMode = ...,
@@ -209,6 +215,7 @@ def denoise(
     exposure: float | None = ...,
     blend: float = ...,
     fireflies: Fireflies = ...,
+    clean_aux: bool = ...,
     region: Sequence[int] | None = ...,
     skip_below: float | None = ...,
     skip_mode: SkipMode = ...,
@@ -234,6 +241,7 @@ def denoise(
     exposure: float | None = None,
     blend: float = 0.0,
     fireflies: Fireflies = "auto",
+    clean_aux: bool = False,
     region: Sequence[int] | None = None,
     skip_below: float | None = None,
     skip_mode: SkipMode = "approximate",
@@ -293,6 +301,8 @@ def denoise(
         blend          share of the noisy colour in the result, 0 to 1.
         fireflies      lone pixels much brighter than those around: "keep" their light, "mend" them, or "auto": mend
                        where the frame is noisy.
+        clean_aux      albedo and normals are free of noise, or were denoised before, and are taken as they are; else
+                       albedo is filtered where it is noisy, as in glass and depth of field.
         region         (x, y, width, height) in pixels from the upper left: denoises these alone, for part of the work
                        and with the bits of the whole. All other pixels keep what ``out`` has, or in a new array the
                        color's.
@@ -324,7 +334,9 @@ def denoise(
     # What is no mapping is refused by the denoiser, in its words.
     layers = (light_groups, aovs)
     signals = alpha == "denoise" or any(isinstance(given, Mapping) and len(given) > 0 for given in layers)
-    denoiser = _denoiser(quality, weights, precision, blend, skip_below, skip_mode, memory_budget, signals, device)
+    denoiser = _denoiser(
+        quality, weights, precision, blend, clean_aux, skip_below, skip_mode, memory_budget, signals, device
+    )
     try:
         return denoiser.denoise(
             color,

@@ -68,6 +68,7 @@ class Denoiser:
         weights: str | os.PathLike[str] | None = None,
         precision: Precision = "auto",
         blend: float = 0.0,
+        clean_aux: bool = False,
         skip_below: float | None = None,
         skip_mode: SkipMode = "approximate",
         memory_budget: int | None = None,
