@@ -96,7 +96,8 @@ int main(void) {
       word |= (uint32_t)lroundf((*to * 0.5f + 0.5f) * 1023.0f) << 10 * c;
     }
     ((uint32_t *)rgb10a2.mapped)[i] = word;
-    float distance = 1.0f + (float)(i / WIDTH);
+    // Powers of two, of which the depth buffer's numbers are exact.
+    float distance = (float)(1 << i / WIDTH % 5);
     ((float *)depth.mapped)[i] = distance;
     ((float *)z.mapped)[i] = 0.25f / distance;
   }
