@@ -87,13 +87,13 @@ class CropsTest(unittest.TestCase):
         kept.finish()
         torch.manual_seed(8)
         batches = Batches(kept, 200, Changes(**STILL | {"clean": 0.5}))
-        _, _, references, *_, clean = batches.pick()
+        _, _, references, _, _, _, clean, *_ = batches.pick()
         shown = torch.tensor([(kept.reference == one.half()).flatten(1).all(1).nonzero().item() for one in references])
         self.assertTrue((shown[clean] == 0).all())
         self.assertTrue((shown[~clean] > 0).any())
         self.assertAlmostEqual(clean.float().mean().item(), 0.5, delta=0.12)
         none = Batches(kept, 200, Changes(**STILL | {"clean": 1, "clean_below": 0}))
-        self.assertFalse(none.pick()[-1].any())
+        self.assertFalse(none.pick()[6].any())
 
     def test_repair_and_features_are_those_of_single_frames(self):
         random = np.random.default_rng(6)

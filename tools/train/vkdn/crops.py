@@ -167,11 +167,12 @@ class Batches:
 
     def pick(self):
         """Colour, features, reference, depth scale; masks [N]: the frame is known, the noise is extreme, there is
-        hardly any."""
+        hardly any, all features are missing, none is."""
         n, store, changes = self.size, self.store, self.changes
         real = self.chosen(self.share)
         clean = self.chosen(changes.clean * (len(self.converged) > 0))
         made = self.chosen(changes.shaded) & ~clean
+        bare = self.chosen(changes.drop_all) | ((clean | made) & self.chosen(changes.clean_bare))
         # No torch.where between numbers: they would be copied to the device, which a graph cannot do.
         count = (real * store.real + ~real * (store.count - store.real)).clamp_min(1)
         crop = (~real * store.real + self.below_of(count, n)).clamp_max(store.count - 1)
@@ -197,11 +198,11 @@ class Batches:
         color = torch.lerp(color, reference, (clean * (1 - noise))[:, None, None, None])
         if changes.shaded:
             finest = store.rows.flatten()[crop * store.rows.shape[1] + len(LEVELS) - 1]
-            radiance, told = shaded.shade(take(store.features, finest))
+            radiance, told = shaded.shade(take(store.features, finest), ~bare)
             either = lambda one, other: torch.where(made[:, None, None, None], one, other)
             color, features = either(shaded.noisy(radiance), color), either(told, features)
             reference = either(radiance, reference)
-        return color, features, reference, store.depth_scale[i], store.known[crop], hard, clean | made
+        return color, features, reference, store.depth_scale[i], store.known[crop], hard, clean | made, bare, made & ~bare
 
     def thinned(self, color):
         """Every pixel keeps a part of its radiance and the rest by a chance of 0.3 to 30 %, then as much brighter:
@@ -285,19 +286,18 @@ class Batches:
         dim = 1 - (self.random(n, 1, side, side) < share[:, None] * 0.3) * self.random(n, 1, side, side)
         return torch.cat([aux[:, :3] * dim, aux[:, 3:]], 1)
 
-    def without(self, aux, clean):
-        """Each feature is missing in a tenth of the crops, all together in another tenth, and in half of the clean
-        ones."""
+    def without(self, aux, bare, whole):
+        """Each feature is missing in a tenth of the crops, but of those that are `whole`; all are in `bare` ones."""
         n = self.size
-        bare = self.chosen(self.changes.drop_all) | (clean & self.chosen(self.changes.clean_bare))
-        gone = (self.random(n, 3) < self.changes.drop_one) | bare[:, None]
+        gone = (self.random(n, 3) < self.changes.drop_one) & ~whole[:, None] | bare[:, None]
         gone = torch.cat([gone[:, :1].expand(n, 3), gone[:, 1:2].expand(n, 3), gone[:, 2:]], 1)[:, :, None, None]
         return torch.where(gone, self.missing, aux)
 
     @torch.no_grad()
     def batch(self):
         n, changes = self.size, self.changes
-        color, features, reference, depth_scale, known, hard, clean = self.pick()
+        color, features, reference, depth_scale, known, *masks = self.pick()
+        hard, clean, bare, whole = masks
         color, reference = self.emitters(color, reference)
         color = repair(self.fireflies(color, clean))
         normal = torch.bmm(self.rotations(), features[:, 3:6].flatten(2)).view(n, 3, *color.shape[2:])
@@ -309,6 +309,6 @@ class Batches:
         gain = torch.exp2(normal_deviation() * jitter)[:, None, None, None]
         # A frame's farthest depth is at least that of any of its crops.
         farther = torch.exp2(normal_deviation().abs() * either(known, changes.depth, changes.depth_crop))
-        aux = self.without(self.grainy(auxiliary(stack[:, 3:10], depth_scale * farther)), clean)
+        aux = self.without(self.grainy(auxiliary(stack[:, 3:10], depth_scale * farther)), bare, whole)
         exposed = lambda t: torch.log1p((t * gain).clamp(0, preprocess.RANGE))
         return exposed(stack[:, :3]), aux, exposed(stack[:, 10:]), clean.float()

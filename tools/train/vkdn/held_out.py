@@ -49,7 +49,8 @@ class HeldOut:
         """Radiance without noise, the same with some, features: the same at every start."""
         with torch.random.fork_rng():
             torch.manual_seed(7)
-            radiance, features = shaded.shade(self.features[:, len(LEVELS) - 1].cpu())
+            finest = self.features[:, len(LEVELS) - 1].cpu()
+            radiance, features = shaded.shade(finest, torch.ones(len(finest), dtype=torch.bool))
             noisy = radiance * (1 + SHADED_NOISE * torch.randn(len(radiance), 1, *radiance.shape[2:])).clamp_min(0)
         return [t.to(self.color.device) for t in (radiance, noisy, features)]
 

@@ -1,8 +1,9 @@
 """Crops without noise: the features of a real crop under lights that are made up, with a noise of known size.
 
-References are noisy themselves, and a network that is to leave them as they are learns to leave others' noise alone. Radiance
-that is computed from albedo and normal has none: what is added is all there is to remove, and fine texture is all there
-is to keep, whether the features tell of it or not.
+References are noisy themselves, and a network that is to leave them as they are learns to leave others' noise alone.
+Radiance that is computed from albedo and normal has none: what is added is all there is to remove, and fine texture is
+all there is to keep. It is there only where features tell of it: without them nothing tells a grain from noise, and
+what is learned from such crops is to leave noise alone.
 """
 import math
 
@@ -24,15 +25,16 @@ def uniform(like, *shape):
     return torch.rand(*shape, device=like.device)
 
 
-def grain(features):
-    """Factors of albedo [N, 1, H, W] in (0, 1]: textures of one to three pixels, strong, weak or none."""
+def grain(features, grained):
+    """Factors of albedo [N, 1, H, W] in (0, 1]: textures of one to three pixels, strong, weak or none; 1 where the crop
+    is not to be `grained` [N]."""
     n, _, height, width = features.shape
     white = uniform(features, n, 1, height, width)
     soft = F.avg_pool2d(F.pad(white, (1,) * 4, mode="replicate"), 3, 1)
     blend = uniform(features, n, 1, 1, 1)
     texture = (0.5 + (white - 0.5) * blend + 3 * (soft - 0.5) * (1 - blend)).clamp(0, 1)
     strength = STRONGEST_GRAIN * uniform(features, n, 1, 1, 1).square() * (uniform(features, n, 1, 1, 1) < 0.7)
-    return 1 - strength * texture
+    return 1 - strength * texture * grained[:, None, None, None]
 
 
 def stripes(features):
@@ -47,10 +49,10 @@ def stripes(features):
     return torch.sigmoid(sharpness * (torch.sin(wave * along + phase) + 0.5))
 
 
-def shade(features):
-    """[N, 7, H, W] as rendered -> (radiance of key MIDDLE_GREY [N, 3, H, W], features with its albedo)."""
+def shade(features, grained):
+    """[N, 7, H, W] as rendered, [N] -> (radiance of key MIDDLE_GREY [N, 3, H, W], features with its albedo)."""
     n = len(features)
-    albedo = features[:, :3].clamp(0, 1) * grain(features)
+    albedo = features[:, :3].clamp(0, 1) * grain(features, grained)
     normal = F.normalize(features[:, 3:6], dim=1, eps=1e-3)
     light = torch.zeros_like(albedo)
     for i in range(LIGHTS):
@@ -67,8 +69,8 @@ def shade(features):
 
 
 def noisy(radiance):
-    """[N, 3, H, W] with samples that deviate by a factor of mean 1, log-normal, alike all over a crop or less in its light:
-    half of the crops, the others as they are."""
+    """[N, 3, H, W] with samples that deviate by a factor of mean 1, log-normal, alike all over a crop or less in its
+    light: half of the crops, the others as they are."""
     n, _, height, width = radiance.shape
     some = (uniform(radiance, n, 1, 1, 1) < 0.5).float()
     size = torch.exp2(MOST_NOISE + (LEAST_NOISE - MOST_NOISE) * uniform(radiance, n, 1, 1, 1)) * some
