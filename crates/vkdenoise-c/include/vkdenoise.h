@@ -458,6 +458,11 @@ typedef struct vkdenoise_options {
   uint32_t signals;
   // 1: recordings label every kernel, and not the pass alone, for graphics debuggers (VK_EXT_debug_utils).
   uint32_t label_kernels;
+  // 1: albedo and normals are free of noise, or were denoised before, and are taken as they are. 0: albedo is
+  // filtered where it and the normals are noisy, as in glass and depth of field.
+  uint32_t clean_aux;
+  // Must be 0.
+  uint32_t reserved;
 } vkdenoise_options;
 
 // Device memory that a frame size takes, in bytes.
@@ -528,9 +533,9 @@ typedef struct vkdenoise_renderer {
   uint32_t enabled_features;
   // As vkdenoise_device_options.cache.
   const char *cache;
-  // A queue of queue_family that vkdenoise_denoiser_create may submit to and wait for: weights then go to memory that
-  // is the GPU's own, by a copy. The caller sees to it that nothing else uses the queue while that function runs on
-  // the device; calls of it synchronise among themselves. NULL: weights stay where the host writes them, in memory
+  // A queue of queue_family that vkdenoise_denoiser_create may submit to and wait for: weights then go to memory
+  // that is the GPU's own, by a copy. The caller sees to it that nothing else uses the queue while that function
+  // runs on the device; calls of it synchronise among themselves. NULL: weights stay where the host writes them, in memory
   // that is both where the device has such, and otherwise in the host's, which kernels read at every frame.
   struct VkQueue_T *upload_queue;
 } vkdenoise_renderer;
@@ -983,8 +988,8 @@ void vkdenoise_device_list_destroy(struct vkdenoise_device_list *list);
 vkdenoise_status vkdenoise_device_open(const struct vkdenoise_device_options *options,
                                        struct vkdenoise_device **device);
 
-// Uses a renderer's device. The library makes memory, pipelines and descriptor sets on it. Passes are recorded into the
-// renderer's command buffers; nothing is submitted or waited for, but by vkdenoise_denoiser_create on upload_queue
+// Uses a renderer's device. The library makes memory, pipelines and descriptor sets on it. Passes are recorded into
+// the renderer's command buffers; nothing is submitted or waited for, but by vkdenoise_denoiser_create on upload_queue
 // where that is given. The handles must be valid, belong together and outlive the device and all that is made from it.
 //
 // @param device receives the device; destroy it with vkdenoise_device_destroy.
