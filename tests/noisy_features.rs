@@ -87,8 +87,7 @@ fn clean_features_keep_their_bits_and_noisy_ones_do_not() {
             let [filtered, as_it_is] = both(&clean);
             assert_same_bits(&filtered, &as_it_is, "clean features");
             let [filtered, as_it_is] = both(&noisy);
-            let middle = 3 * (55 * EXTENT.width as usize + 75);
-            assert_ne!(filtered[middle..][..3], as_it_is[middle..][..3], "noisy features");
+            assert_ne!(filtered, as_it_is, "noisy features");
         }
     }
     assert_no_validation_messages();

@@ -8,7 +8,7 @@ use super::maps::LayerNorm;
 use super::on_matrices;
 use super::pushes::NormedConv3x3Push;
 use super::{
-    Access, Addresses, Grid, Kernel, KernelTarget, PushBytes, Scale, Shuffle, Storage, Tiles, Traffic,
+    Access, Addresses, BufferId, Grid, Kernel, KernelTarget, PushBytes, Scale, Shuffle, Storage, Tiles, Traffic,
     Variant, View,
 };
 
@@ -16,9 +16,9 @@ use super::{
 /// touched.
 #[derive(Clone, Debug, PartialEq)]
 pub struct NormedConv3x3 {
-    /// The first part.
-    pub norm: LayerNorm,
-    /// The second part, on matrices, of stride 1 and without a shuffle.
+    /// Gain and bias of the norm.
+    pub norm: BufferId,
+    /// The convolution, on matrices, of stride 1 and without a shuffle. Its source is what is normed.
     pub conv: Conv3x3,
 }
 
@@ -32,8 +32,9 @@ impl NormedConv3x3 {
             && conv.shuffle == Shuffle::None
             && special.inputs == conv.src.channels
             && special.inputs.is_power_of_two()
+            && norm.src.storage == Storage::F16
             && on_matrices::can_load([&norm.src]);
-        fits.then_some(Self { norm, conv })
+        fits.then_some(Self { norm: norm.weights, conv: Conv3x3 { src: norm.src, ..conv } })
     }
 }
 
@@ -55,7 +56,8 @@ impl Kernel for NormedConv3x3 {
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {
-        let Self { norm: LayerNorm { src, weights: norm, .. }, conv } = self;
+        let Self { norm, conv } = self;
+        let src = &conv.src;
         let (width, height) = conv.result_size();
         PushBytes::new(&NormedConv3x3Push {
             src: at.view(src),
@@ -81,14 +83,14 @@ impl Kernel for NormedConv3x3 {
     }
 
     fn maps(&mut self, visit: &mut dyn FnMut(&mut View, Access)) {
-        visit(&mut self.norm.src, Access::around(1, 1));
+        visit(&mut self.conv.src, Access::around(1, 1));
         self.conv.residual.iter_mut().for_each(|residual| visit(residual, Access::Residual(Scale::Same)));
         visit(&mut self.conv.dst, Access::Write(Scale::Same));
     }
 
     fn others(&self) -> Traffic {
         let mut others = self.conv.others();
-        others.reads.extend(self.norm.others().reads);
+        others.reads.push((self.norm, u64::from(self.conv.src.channels) * 8));
         others
     }
 

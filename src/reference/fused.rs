@@ -21,7 +21,7 @@ impl Twin for Separable3x3 {
 impl Twin for NormedConv3x3 {
     /// `conv(norm(src))`.
     fn compute(&self, reference: &mut Reference) {
-        let normed = reference.normed(&self.norm);
+        let normed = reference.normed(&self.conv.src, self.norm);
         reference.convolution(&normed, &self.conv);
     }
 }

@@ -6,7 +6,7 @@ use super::parallel::for_each_row;
 use super::parameters::Parameters;
 use super::{Reference, Twin};
 use crate::kernels::maps::{Depthwise3x3, LayerNorm};
-use crate::kernels::{Activation, BufferId};
+use crate::kernels::{Activation, BufferId, View};
 
 /// Added to the variance under the root.
 const EPSILON: f64 = 1e-5;
@@ -49,10 +49,10 @@ impl Reference<'_> {
 }
 
 impl Reference<'_> {
-    /// A layer normalisation's result, not stored.
-    pub(super) fn normed(&self, call: &LayerNorm) -> Map {
-        let mut map = self.map(&call.src);
-        let weights = match self.parameters(call.weights) {
+    /// A map after a layer normalisation, not stored.
+    pub(super) fn normed(&self, src: &View, weights: BufferId) -> Map {
+        let mut map = self.map(src);
+        let weights = match self.parameters(weights) {
             Parameters::Norm(weights) => weights,
             other => unreachable!("layer_norm is given {other:?}"),
         };
@@ -69,7 +69,7 @@ impl Reference<'_> {
 impl Twin for LayerNorm {
     /// Every token to mean 0 and variance 1 over its channels, then gain and bias.
     fn compute(&self, reference: &mut Reference) {
-        let map = reference.normed(self);
+        let map = reference.normed(&self.src, self.weights);
         let tiles = reference.tiles(&self.tiles, self.dst.width, self.dst.height);
         reference.store(&map, &self.dst, &tiles, |x, y, channel| (x, y, channel));
     }
