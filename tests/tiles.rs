@@ -269,7 +269,7 @@ fn a_budget_narrows_bands_first_and_cuts_then() {
     let weights = residual_hybrid();
     let residual = |options: Options| Denoiser::new(device(), &weights, &options).unwrap();
     let frame = picture(STRIP);
-    let mut whole = shared(false);
+    let mut whole = residual(Options::default());
     let (report, expected) = denoise(&mut whole, &frame.frame());
     let needed = whole.memory_required(STRIP).unwrap().host();
     drop(whole);
