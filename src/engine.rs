@@ -92,6 +92,7 @@ impl Engine {
         loop {
             match plan_in(&self.graph, extent, &target, blocks) {
                 Err(Error::FrameTooLarge { .. }) if target.overlap_bytes > 0 => target.overlap_bytes = 0,
+                Err(Error::FrameTooLarge { .. }) if target.max_kept_bytes > 0 => target.max_kept_bytes = 0,
                 Err(Error::FrameTooLarge { .. }) if target.max_chain_bytes > LEAST_CHAIN_BYTES => {
                     let narrower = target.max_chain_bytes.min(MOST_CHAIN_BYTES) / 2;
                     target.max_chain_bytes = narrower.max(LEAST_CHAIN_BYTES);
@@ -113,7 +114,8 @@ impl Engine {
 
     fn narrow_target(&self) -> Target {
         let most = (self.most_bytes() / BANDS_A_BUDGET).max(LEAST_CHAIN_BYTES);
-        Target { max_chain_bytes: self.target.max_chain_bytes.min(most), overlap_bytes: 0, ..self.target }
+        let max_chain_bytes = self.target.max_chain_bytes.min(most);
+        Target { max_chain_bytes, max_kept_bytes: 0, overlap_bytes: 0, ..self.target }
     }
 
     /// What the plans of tiles are made for: the larger they are, the less of them overlaps.
@@ -132,7 +134,12 @@ impl Engine {
         plan(
             &self.graph,
             extent,
-            &Target { max_block_bytes: u64::MAX, max_chain_bytes: u64::MAX, ..self.tile_target() },
+            &Target {
+                max_block_bytes: u64::MAX,
+                max_chain_bytes: u64::MAX,
+                max_kept_bytes: u64::MAX,
+                ..self.tile_target()
+            },
         )
     }
 

@@ -145,7 +145,8 @@ fn side_by_side_takes_little_memory() {
     for head in [Head::Residual, Head::pure()] {
         let graph = Graph::new(&Arch { head, ..Arch::hybrid() }).unwrap();
         let target = Target::for_gpu(Storage::F16, Arithmetic::Matrices);
-        for (width, height, most) in [(256, 256, 1.0), (1024, 1024, 1.0), (1920, 1080, 1.13), (3840, 2160, 1.0)] {
+        // One by one, a head's coarse levels take less than what their kernels are made of: half a megabyte.
+        for (width, height, most) in [(256, 256, 1.04), (1024, 1024, 1.0), (1920, 1080, 1.13), (3840, 2160, 1.0)] {
             let of = |target: &Target| plan(&graph, Extent::new(width, height), target).unwrap().blocks.iter().sum();
             let [serial, own]: [u64; 2] = [of(&Target { overlap_bytes: 0, ..target }), of(&target)];
             println!("{:?}, {width}x{height}: {own} bytes, {serial} one by one", graph.arch.head);

@@ -4,7 +4,7 @@
 //! makes first: they are applied there, so that one map of their sum is kept and not both maps.
 
 use super::builder::{Builder, Linear};
-use super::op::{Activation, OpKind, Slice};
+use super::op::{Activation, OpKind, Slice, Stage};
 use super::head::{HIDDEN, KERNEL_SIDE, KernelHead};
 
 /// The Linears of every level after the first.
@@ -15,8 +15,10 @@ const LEVEL_NAMES: [(&str, &str); 4] =
 pub(super) struct Inputs<'a> {
     /// [`early`].
     pub early: Slice,
-    /// The map of 2x2 pixels a token and those of each double side, from the decoder's or the bottleneck.
-    pub tokens: &'a [Slice],
+    /// The map of 2x2 pixels a token.
+    pub tokens: Slice,
+    /// [`level_logits`] of every level from the third on, the finest first.
+    pub logits: &'a [Slice],
     /// The network's colour input.
     pub color: Slice,
     /// The network's auxiliary input.
@@ -35,13 +37,24 @@ pub(super) fn early(b: &mut Builder, x: Slice, of_f: Slice) -> Slice {
     b.linear(Linear { residual: Some(of_f), ..Linear::new("head.x0", vec![x], HIDDEN) })
 }
 
+/// The logits of the kernels of a level, counted from the first after the full size, by the map of its tokens: the
+/// decoder's, or the bottleneck's. `None` where the head has no such level.
+pub(super) fn level_logits(b: &mut Builder, head: &KernelHead, level: usize, tokens: Slice) -> Option<Slice> {
+    let (inner, out) = LEVEL_NAMES.iter().take(head.levels.len() - 1).nth(level)?;
+    let stage = std::mem::replace(&mut b.stage, Stage::Output);
+    let linear = Linear::new(&format!("head.{inner}"), vec![tokens], HIDDEN);
+    let inner = b.linear(Linear { activation: Activation::LeakyRelu, ..linear });
+    let logits = b.linear(Linear::new(&format!("head.{out}"), vec![inner], KERNEL_SIDE * KERNEL_SIDE));
+    b.stage = stage;
+    Some(logits)
+}
+
 /// Channels of an image: radiance, and what it counts for.
 const IMAGE: u32 = 4;
 
 /// The exposed radiance.
 pub(super) fn kernels(b: &mut Builder, head: &KernelHead, inputs: &Inputs) -> Slice {
-    let &Inputs { early, tokens, color, aux, residual } = inputs;
-    let deeper = head.levels.len() - 1;
+    let &Inputs { early, tokens, logits, color, aux, residual } = inputs;
     let levels = head.levels.len() as u32;
     let (hidden, taps) = (b.map("head.hidden", 1, HIDDEN), b.map("head.taps", 1, IMAGE));
     let (prefix, albedo) = ("head".to_owned(), aux.part(0, 3));
@@ -50,7 +63,7 @@ pub(super) fn kernels(b: &mut Builder, head: &KernelHead, inputs: &Inputs) -> Sl
         OpKind::KernelInputs {
             head: prefix.clone(),
             early,
-            tokens: tokens[0],
+            tokens,
             color,
             residual,
             albedo,
@@ -69,24 +82,13 @@ pub(super) fn kernels(b: &mut Builder, head: &KernelHead, inputs: &Inputs) -> Sl
         b.push(format!("head.sums.{side}"), OpKind::Halve { input: finer, output: coarser.value });
         sums.push(coarser);
     }
-    // Level beside level: they do not wait for each other.
-    let names = &LEVEL_NAMES[..deeper];
-    let inner: Vec<Slice> = names
-        .iter()
-        .zip(tokens)
-        .map(|((name, _), map)| {
-            let linear = Linear::new(&format!("head.{name}"), vec![*map], HIDDEN);
-            b.linear(Linear { activation: Activation::LeakyRelu, ..linear })
-        })
-        .collect();
-    let outs = names.iter().zip(&inner);
-    let logits: Vec<Slice> = outs
-        .map(|((_, out), map)| b.linear(Linear::new(&format!("head.{out}"), vec![*map], KERNEL_SIDE * KERNEL_SIDE)))
-        .collect();
     let mut means = Vec::new();
+    // The finest level's logits are as large as what they are made of: not before they are needed.
+    let finest = level_logits(b, head, 0, tokens);
+    let logits = finest.iter().chain(logits);
     for ((side, logits), sums) in head.levels[1..].iter().zip(logits).zip(sums) {
         let mean = b.map(&format!("head.level.{side}"), *side, IMAGE);
-        b.push(format!("head.level.{side}"), OpKind::ApplyKernels { logits, sums, output: mean.value });
+        b.push(format!("head.level.{side}"), OpKind::ApplyKernels { logits: *logits, sums, output: mean.value });
         means.push(mean);
     }
     let output = b.map("head.mix", 1, IMAGE);

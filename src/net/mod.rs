@@ -21,6 +21,7 @@ mod head_ops;
 mod named;
 pub mod op;
 mod part;
+mod rematerialize;
 pub mod table;
 mod unet;
 pub mod weights;

@@ -46,7 +46,11 @@ pub(super) fn build(arch: &Arch) -> Graph {
         x = block(&mut b, neck.block, neck.heads, place);
     }
 
-    let mut tokens = vec![x];
+    let mut logits = Vec::new();
+    let head = arch.head.kernels();
+    let of_level =
+        |b: &mut Builder, level, x| head.and_then(|head| head_ops::level_logits(b, head, level, x));
+    logits.extend(of_level(&mut b, arch.stages.len(), x));
     for (i, stage) in arch.stages.iter().enumerate().rev() {
         b.stage = Stage::Decoder(i as u32);
         let (mut guide, mut heads) = (f[i], stage.heads);
@@ -65,8 +69,12 @@ pub(super) fn build(arch: &Arch) -> Graph {
             let place = Place { prefix: &format!("dec.{i}.{n}"), x, f: guide, into: None };
             x = block(&mut b, stage.block, heads, place);
         }
-        tokens.insert(0, x);
+        if i > 0 {
+            logits.extend(of_level(&mut b, i, x));
+        }
     }
+    logits.reverse();
+    let tokens = x;
 
     b.stage = Stage::Output;
     if arch.patch == 2 {
@@ -74,8 +82,8 @@ pub(super) fn build(arch: &Arch) -> Graph {
         x = b.conv(Conv { bias: false, shuffle: Shuffle::Shuffle, ..unembed });
     }
     let mut result = b.conv(Conv::new("output", x, 3));
-    if let (Some(head), Some(early)) = (arch.head.kernels(), early) {
-        let inputs = head_ops::Inputs { early, tokens: &tokens, color, aux, residual: result };
+    if let (Some(head), Some(early)) = (head, early) {
+        let inputs = head_ops::Inputs { early, tokens, logits: &logits, color, aux, residual: result };
         result = head_ops::kernels(&mut b, head, &inputs);
     }
     Graph {

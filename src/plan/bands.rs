@@ -8,9 +8,10 @@
 use super::lower::Lowering;
 use super::region::restrict_chain;
 use super::steps::Step;
-use crate::kernels::{BufferId, Call, Storage, TILE};
+use crate::kernels::{BufferId, Call, TILE, predicted};
 use crate::net::graph::Graph;
 use crate::net::op::{Op, OpKind, Shape, ValueId};
+use crate::target::Target;
 use std::collections::HashMap;
 
 /// Rows of the padded frame that a chain works on, in pixels.
@@ -37,7 +38,7 @@ impl Lowering<'_> {
     /// Lowers the step at `at`, or the chain that begins there where it pays. Returns how many steps that were.
     pub(super) fn chain(&mut self, at: usize) -> usize {
         let steps = self.steps;
-        let chain = Chain::new(self.graph, steps.steps[at].ops.start, self.options.storage);
+        let chain = Chain::new(self.graph, steps.steps[at].ops.start, self.options);
         let pixels = u64::from(self.padded.width) * u64::from(self.padded.height);
         let widest = chain.widest * pixels / 256;
         let bands =
@@ -73,7 +74,10 @@ impl Lowering<'_> {
         let placed = |step: &Step| (step.ops.end - 1, self.placed(&step.call), self.flops(step));
         let mut calls: Vec<_> = steps.iter().map(placed).collect();
         self.band = None;
-        let stays = |op: usize| !chain.locals.contains(&self.graph.result(&self.graph.ops[op]).value);
+        let stays = |op: usize| {
+            let mut written = self.graph.writes(&self.graph.ops[op]).into_iter();
+            written.any(|slice| !chain.locals.contains(&slice.value))
+        };
         let results: Vec<bool> = calls.iter().map(|(op, ..)| stays(*op)).collect();
         let mut only: Vec<&mut Call> = calls.iter_mut().map(|(_, call, _)| call).collect();
         restrict_chain(&mut only, &results, (top, bottom), (first, end));
@@ -109,13 +113,17 @@ struct Chain {
 
 impl Chain {
     /// The longest chain that begins at `at`; a single operation if there is no longer one.
-    fn new(graph: &Graph, at: usize, storage: Storage) -> Self {
+    fn new(graph: &Graph, at: usize, target: &Target) -> Self {
         let mut best = Self { at, ops: 1, locals: Vec::new(), widest: 0, halo: 0, grain: TILE };
         let mut made: Vec<ValueId> = Vec::new();
         let kept = kept_for_kernels(graph);
         let (mut reach, mut grain) = (0, TILE);
         for (i, op) in graph.ops.iter().enumerate().skip(at) {
             let Some(step) = reach_of(graph, op) else { break };
+            // Kernels, and what they are predicted from, are read for every signal.
+            if target.signals && matches!(op.kind, OpKind::PredictKernels { .. } | OpKind::ApplyKernels { .. }) {
+                break;
+            }
             reach += step;
             let touched = graph.reads(op).into_iter().chain([graph.result(op)]);
             grain = touched.filter_map(|slice| stride_of(graph, slice.value)).fold(grain, |g, s| g.max(TILE * s));
@@ -124,7 +132,7 @@ impl Chain {
             if closed && i > at {
                 let bytes = |value: &ValueId| match graph.value(*value).shape {
                     Shape::Map { stride, channels } => {
-                        u64::from(channels.next_multiple_of(4)) * storage.bytes() * 256 / u64::from(stride * stride)
+                        u64::from(channels.next_multiple_of(4)) * target.storage.bytes() * 256 / u64::from(stride * stride)
                     }
                     Shape::Vector { .. } => 0,
                 };
@@ -148,30 +156,31 @@ fn reach_of(graph: &Graph, op: &Op) -> Option<u32> {
         OpKind::Depthwise3x3 { input, .. } => stride_of(graph, input.value),
         OpKind::Unembed { input, .. } => stride_of(graph, input.value).map(|stride| 2 * stride),
         OpKind::Linear { .. } | OpKind::LayerNorm { .. } => Some(0),
+        // What kernels read beyond their rows, in whole tiles: of taps, which stay, all that is written counts.
+        OpKind::KernelInputs { tokens, .. } => {
+            stride_of(graph, tokens.value).map(|stride| predicted::REACH.next_multiple_of(TILE * stride))
+        }
+        OpKind::PredictKernels { .. } => Some(0),
+        OpKind::ApplyKernels { sums, .. } => stride_of(graph, sums.value).map(|stride| predicted::REACH * stride),
         OpKind::WindowAttention { .. }
         | OpKind::FilmMean { .. }
         | OpKind::FilmVector { .. }
-        | OpKind::KernelInputs { .. }
-        | OpKind::PredictKernels { .. }
         | OpKind::Halve { .. }
-        | OpKind::ApplyKernels { .. }
         | OpKind::MixLevels { .. } => None,
     }
 }
 
-/// What is made of maps at full size for predicted kernels, long before these.
+/// What is made of maps at full size for predicted kernels, long before these: nothing, where it is made again.
 fn kept_for_kernels(graph: &Graph) -> Vec<ValueId> {
-    let early = graph.ops.iter().find_map(|op| match &op.kind {
-        OpKind::KernelInputs { early, .. } => Some(early.value),
-        _ => None,
-    });
-    let before = early.and_then(|early| {
-        graph.ops.iter().find_map(|op| match &op.kind {
-            OpKind::Linear { output, residual: Some(before), .. } if output.value == early => Some(before.value),
-            _ => None,
-        })
-    });
-    early.into_iter().chain(before).collect()
+    let Some(early) = graph.kept_for_kernels() else { return Vec::new() };
+    let maker = graph.ops.iter().position(|op| graph.result(op).value == early);
+    let (is_late, before) = match maker.map(|at| &graph.ops[at..]) {
+        Some([Op { kind: OpKind::Linear { residual, .. }, .. }, next, ..]) => {
+            (matches!(next.kind, OpKind::KernelInputs { .. }), residual.map(|before| before.value))
+        }
+        _ => (false, None),
+    };
+    if is_late { Vec::new() } else { [early].into_iter().chain(before).collect() }
 }
 
 fn stride_of(graph: &Graph, value: ValueId) -> Option<u32> {

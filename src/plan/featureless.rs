@@ -6,6 +6,7 @@ use super::{Buffer, Dispatch, Place};
 use crate::frame::Extent;
 use crate::kernels::expand::Expand;
 use crate::kernels::{Access, BufferId, Call, HALF_TILE, KernelTarget, Tiles, View};
+use crate::net::op::Stage;
 use std::collections::{HashMap, HashSet};
 
 /// Which frames a dispatch is for.
@@ -73,7 +74,8 @@ pub fn merge(
 }
 
 /// The dispatches of features that a convolution of features follows, with these, and Linears of their results at full
-/// size: what else comes after is no work to speak of.
+/// size: what else comes after is no work to speak of. What is made again for the output stage
+/// ([`Graph::rematerialized`](crate::net::Graph::rematerialized)) exists in bands alone, and is left as it is.
 fn chain(dispatches: &[Dispatch], padded: Extent) -> Vec<bool> {
     let mut read: HashSet<BufferId> = HashSet::new();
     let mut chain = vec![false; dispatches.len()];
@@ -82,7 +84,8 @@ fn chain(dispatches: &[Dispatch], padded: Extent) -> Vec<bool> {
         let traffic = dispatch.traffic();
         let feeds = traffic.writes.iter().any(|(id, _)| read.contains(id));
         let spatial = maps.iter().any(|(_, access)| access.reads_around());
-        *part = dispatch.of_features && !maps.is_empty() && (feeds || spatial);
+        let early = dispatch.of_features && dispatch.stage != Stage::Output;
+        *part = early && !maps.is_empty() && (feeds || spatial);
         if *part {
             read.extend(traffic.reads.iter().map(|(id, _)| *id));
         }
@@ -93,7 +96,8 @@ fn chain(dispatches: &[Dispatch], padded: Extent) -> Vec<bool> {
         let at_full_size = dispatch.call.result().is_some_and(|result| result.width == padded.width);
         let maps = dispatch.call.maps();
         let ready = || maps.iter().all(|(view, access)| access.writes() || written.contains(&view.buffer));
-        if !*part && dispatch.of_features && at_full_size && matches!(dispatch.call, Call::Linear(_)) && ready() {
+        let early = dispatch.of_features && dispatch.stage != Stage::Output;
+        if !*part && early && at_full_size && matches!(dispatch.call, Call::Linear(_)) && ready() {
             *part = true;
             written.extend(dispatch.traffic().writes.iter().map(|(id, _)| *id));
         }

@@ -3,6 +3,7 @@
 use super::arena::Limits;
 use super::bands::Band;
 use super::featureless::{self, For};
+use super::packing::Packing;
 use super::placing::Placing;
 use super::schedule::{Scheduled, schedule};
 use super::steps::{Size, Step, Steps};
@@ -47,9 +48,12 @@ pub fn plan_in(graph: &Graph, extent: Extent, options: &Target, blocks: &[u64]) 
 
 /// Fails within with the size of a map that no block holds.
 fn of_frame(graph: &Graph, extent: Extent, options: &Target, arena: Limits) -> Result<Result<Plan, u64>> {
-    let graph = graph.folded(options.folds);
-    let steps = Steps::new(&graph, options, false);
-    let mut lowering = Lowering::new(&steps, extent, padded(&graph, extent)?);
+    let (graph, padded) = (graph.folded(options.folds), padded(graph, extent)?);
+    let again = rematerialized(&graph, padded, options);
+    // Weights lie where they do at every size.
+    let packing = again.as_ref().map(|_| Steps::new(&graph, options, false, Packing::default()).packing);
+    let steps = Steps::new(again.as_ref().unwrap_or(&graph), options, false, packing.unwrap_or_default());
+    let mut lowering = Lowering::new(&steps, extent, padded);
     lowering.frame_in();
     lowering.ops();
     lowering.signals();
@@ -64,11 +68,22 @@ fn of_frame(graph: &Graph, extent: Extent, options: &Target, arena: Limits) -> R
 /// As [`plan`].
 pub fn plan_part(graph: &Graph, extent: Extent, options: &Target) -> Result<Plan> {
     let graph = graph.folded(options.folds);
-    let steps = Steps::new(&graph, options, true);
+    let steps = Steps::new(&graph, options, true, Packing::default());
     let mut lowering = Lowering::new(&steps, extent, padded(&graph, extent)?);
     let kept = [graph.color, graph.aux, graph.residual].map(|value| lowering.whole(value).buffer);
     lowering.ops();
     lowering.finish(&kept, Limits::Each(options.max_block_bytes)).map_err(|bytes| map_too_large(extent, bytes, options))
+}
+
+/// The graph without the map that it keeps for predicted kernels, where that takes more than it may, and where it would
+/// be made in bands: neither lists of tiles nor what is kept for the next frame are.
+fn rematerialized(graph: &Graph, padded: Extent, options: &Target) -> Option<Graph> {
+    if options.converged.is_some() || options.keep_features {
+        return None;
+    }
+    let channels = graph.whole(graph.kept_for_kernels()?).channels;
+    let bytes = padded.pixels() * u64::from(channels) * options.storage.bytes();
+    if bytes > options.max_kept_bytes { graph.rematerialized() } else { None }
 }
 
 /// The size that the network works on.

@@ -16,8 +16,11 @@ pub struct Packing {
 }
 
 impl Packing {
-    /// Adds a pack, and says where it lies.
-    pub(super) fn add(&mut self, pack: Pack) -> u64 {
+    /// Where a pack lies; it is added, where there is none like it.
+    pub(super) fn place(&mut self, pack: Pack) -> u64 {
+        if let Some((_, offset)) = self.packs.iter().find(|(known, _)| *known == pack) {
+            return *offset;
+        }
         let offset = self.bytes;
         self.bytes += pack.bytes().next_multiple_of(ALIGNMENT);
         self.packs.push((pack, offset));

@@ -67,7 +67,7 @@ pub(super) fn needed_tokens(
     let rect = |dispatch: &Dispatch| match &dispatch.call {
         _ if keeps(dispatch) => None,
         call @ (Call::Output(_) | Call::OutputSignal(_)) => Some(needed.output(call, region)),
-        call => needed.before(call),
+        call => needed.before(call, false),
     };
     let mut rects: Vec<_> = dispatches.iter().rev().map(rect).collect();
     rects.reverse();
@@ -114,8 +114,9 @@ fn covering(grid: &Grid, rect: TokenRect) -> Tiles {
     Tiles::Rect(TileRect::covering(rect, width, height))
 }
 
-/// Restricts calls that run one after the other to what those whose result stays need for the pixel rows `first..end`
-/// of the frame. The views are of the frame's rows from `top` to `bottom`.
+/// Restricts calls that run one after the other to what those of which a map stays need for the pixel rows `first..end`
+/// of the frame. The views are of the frame's rows from `top` to `bottom`. In a map that stays every token that is
+/// written counts: it may be one of the band before.
 pub(super) fn restrict_chain(
     calls: &mut [&mut Call],
     stays: &[bool],
@@ -128,8 +129,12 @@ pub(super) fn restrict_chain(
         let row = |row: u32| (row - top) * view.height / (bottom - top);
         needed.add(&view, TokenRect { left: 0, top: row(first), right: view.width, bottom: row(end) });
     }
-    for call in calls.iter_mut().rev() {
-        if let (Some(rect), Some(grid)) = (needed.before(call), call.grid()) {
+    for (call, stays) in calls.iter_mut().zip(stays).rev() {
+        let Some(grid) = call.grid() else {
+            needed.before(call, false);
+            continue;
+        };
+        if let Some(rect) = needed.before(call, *stays) {
             call.set_tiles(covering(&grid, rect));
         }
     }
@@ -143,8 +148,9 @@ impl Needed {
         rect
     }
 
-    /// What a call has to compute for those after it; what it needs itself is added. `None` for kernels without a grid.
-    fn before(&mut self, call: &Call) -> Option<TokenRect> {
+    /// What a call has to compute for those after it; what it needs itself is added, for all of the tiles that it
+    /// computes where `tiles_count`. `None` for kernels without a grid.
+    fn before(&mut self, call: &Call, tiles_count: bool) -> Option<TokenRect> {
         if let Call::TokenSum(sum) = call {
             self.add(&sum.whole(), sum.tokens());
             return None;
@@ -159,7 +165,10 @@ impl Needed {
             _ => None,
         });
         let wanted = wanted.fold(TokenRect::default(), |all, rect| all.and(&rect));
-        let rect = within(wanted.in_multiples_of(grid.grain), &grid.tiles);
+        let rect = match covering(&grid, wanted.in_multiples_of(grid.grain)) {
+            Tiles::Rect(tiles) if tiles_count => tiles.tokens(),
+            _ => within(wanted.in_multiples_of(grid.grain), &grid.tiles),
+        };
         for (view, access) in maps.iter().filter(|(_, access)| !access.writes()) {
             match access.of_grid(rect) {
                 Some(read) => self.add(view, read),

@@ -32,12 +32,12 @@ pub(super) enum Size {
 
 /// How a network's weights are packed for the plans of a target.
 pub fn packing(graph: &Graph, target: &Target) -> Packing {
-    Steps::new(&graph.folded(target.folds), target, false).packing
+    Steps::new(&graph.folded(target.folds), target, false, Packing::default()).packing
 }
 
 /// The same for plans of a network's part ([`super::plan_part`]).
 pub fn packing_of_part(graph: &Graph, target: &Target) -> Packing {
-    Steps::new(&graph.folded(target.folds), target, true).packing
+    Steps::new(&graph.folded(target.folds), target, true, Packing::default()).packing
 }
 
 /// The steps of a graph, with the buffers that they name.
@@ -60,8 +60,8 @@ impl<'a> Steps<'a> {
     /// The frame's statistics.
     pub const STATS: BufferId = BufferId(0);
 
-    /// Of a folded graph.
-    pub fn new(graph: &'a Graph, target: &'a Target, is_part: bool) -> Self {
+    /// Of a folded graph. What it packs beyond `packing` is added.
+    pub fn new(graph: &'a Graph, target: &'a Target, is_part: bool, packing: Packing) -> Self {
         let mut steps = Self {
             graph,
             target,
@@ -69,7 +69,7 @@ impl<'a> Steps<'a> {
             steps: Vec::new(),
             buffers: Vec::new(),
             sizes: Vec::new(),
-            packing: Packing::default(),
+            packing,
             values: HashMap::new(),
             packs: HashMap::new(),
         };
@@ -101,7 +101,7 @@ impl<'a> Steps<'a> {
             return id;
         }
         let id = self.buffer(name, Size::Bytes(pack.bytes()), Storage::F32);
-        let offset = self.packing.add(pack.clone());
+        let offset = self.packing.place(pack.clone());
         self.buffers[id.0].place = Place::Weights { pack: pack.clone(), offset };
         self.packs.insert(pack, id);
         id

@@ -146,7 +146,8 @@ const MENDING: u32 = 2 * TILE;
 /// As [`plan`].
 pub(crate) fn margin(graph: &Graph, target: &Target) -> Result<u32> {
     let multiple = graph.arch.pad_multiple();
-    let target = Target { max_block_bytes: u64::MAX, max_chain_bytes: u64::MAX, of_tile: true, ..*target };
+    let (max_block_bytes, max_chain_bytes, max_kept_bytes) = (u64::MAX, u64::MAX, u64::MAX);
+    let target = Target { max_block_bytes, max_chain_bytes, max_kept_bytes, of_tile: true, ..*target };
     let mut side = 32 * multiple;
     loop {
         let plan = plan(graph, Extent::new(side, side), &target)?;

@@ -156,7 +156,8 @@ class Trainer:
 def main():
     args = parse(__doc__)
     if args.threads:
-        torch.set_num_threads(args.threads)
+        # Those that take shares of a batch wait while optimizer and evaluation run.
+        torch.set_num_threads(max(args.threads, args.parallel))
     cuda.precise(False)
     try:
         trainer = Trainer(args)
