@@ -122,11 +122,10 @@ void main() {
         }
     }
 #endif
-#if defined(BROADCAST) && SHARING == 8 && !defined(DST_F16)
+#if defined(BROADCAST) && !defined(DST_F16)
     // Two vectors of eight sums are stored as one of eight 64-bit words. A sum that is stored as it is would be a part
     // of those from the start: lavapipe's compiler keeps it so through the whole loop, in twice the room. A factor of 1
-    // that it cannot know keeps them apart. (Halves are packed first, sixteen lanes fill a register by themselves, and
-    // Mesa 22.3's takes longer so.)
+    // that it cannot know keeps them apart. (Halves are packed first, and Mesa 22.3's takes longer so.)
     if ((EPILOGUE & ~FLAG_SHUFFLE) == 0u) {
         [[unroll]] for (int i = 0; i < PIXELS * NV; ++i) accumulators[i] *= live ? 1.0 : 0.0;
     }

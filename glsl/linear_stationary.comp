@@ -19,8 +19,8 @@ TEXELS_OF(3, residual)
 TEXELS_OF(4, src_b)
 
 // Input channels whose weights are loaded at a time. All at once are more than the registers hold; fewer are faster
-// where lanes share by broadcast among eight, slower elsewhere (docs/lavapipe.md).
-#if defined(BROADCAST) && SHARING == 8
+// where lanes share by broadcast, slower elsewhere (docs/lavapipe.md).
+#ifdef BROADCAST
 const int CHUNK = min(4 * INPUTS, 16);
 #else
 const int CHUNK = 4 * INPUTS;

@@ -149,7 +149,8 @@ fn regions_have_the_bits_of_the_whole() {
     let extent = Extent::new(300, 211);
     // In bands, what a region needs of the kernels' inputs is made again in each of them.
     let banded = Options { max_chain_bytes: Some(1 << 20), ..Options::default() };
-    let cases = heads().into_iter().flat_map(|(name, head)| [(name, head.clone(), Options::default()), (name, head, banded)]);
+    let cases =
+        heads().into_iter().flat_map(|(name, head)| [(name, head.clone(), Options::default()), (name, head, banded)]);
     for (name, head, options) in cases {
         let weights = weights(&head);
         let mut denoiser = Denoiser::new(device(), &weights, &options).unwrap();

@@ -1,6 +1,5 @@
-// Lanes of a subgroup load different vectors and hand them round, for drivers on which a load costs more than the
-// arithmetic it feeds (CPU drivers: a load is one scalar load a lane). SHARING of them do so, 8 or 16: CPU drivers run
-// as many as a vector register has floats.
+// Eight lanes of a subgroup load different vectors and hand them round, for drivers on which a load costs more than the
+// arithmetic it feeds (CPU drivers: a load is one scalar load a lane). Of larger subgroups the others load the same.
 //
 // BROADCAST: subgroupBroadcast is one instruction where its lane is constant; without it, subgroupShuffle is, and
 // subgroupBroadcast may look for an active lane in a loop.
@@ -14,6 +13,7 @@
 #define FROM_LANE(value, lane) subgroupShuffle(value, lane)
 #endif
 
+const int SHARING = 8;
 // Number of this lane among those that share.
 #define LANE (gl_SubgroupInvocationID & uint(SHARING - 1))
 // Of `count` vectors a lane loads PER_LANE(count), which are neighbours, from SHARED_FIRST(count) on.

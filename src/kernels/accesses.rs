@@ -62,8 +62,7 @@ impl Block {
         self.x * self.y * self.vectors
     }
 
-    /// Loads of the weights of four input channels: all of them, or an eighth where the lanes hand them round (a
-    /// sixteenth in subgroups of sixteen, which are counted as those of eight).
+    /// Loads of the weights of four input channels: all of them, or an eighth where the lanes hand them round.
     pub fn weight_loads(&self, contract: &Contract) -> u64 {
         row_loads(contract, 4 * self.vectors)
     }

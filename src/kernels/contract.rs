@@ -81,37 +81,33 @@ pub struct Specialisation {
     pub values: u32,
 }
 
-/// How many lanes of a subgroup load different vectors, and how they hand them round (`glsl/shared/lanes.glsl`). Not a
-/// specialisation constant: CPU drivers would compile indices that become constant only then to slower code.
+/// How eight lanes of a subgroup hand round what they loaded (`glsl/shared/lanes.glsl`). Not a specialisation constant:
+/// CPU drivers would compile indices that become constant only then to slower code.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum Sharing {
-    /// Eight, by `subgroupShuffle`.
-    Shuffle8,
-    /// Eight, by `subgroupBroadcast`.
-    Broadcast8,
-    /// Sixteen, by `subgroupBroadcast`.
-    Broadcast16,
+    /// By `subgroupShuffle`.
+    Shuffle,
+    /// By `subgroupBroadcast`.
+    Broadcast,
 }
 
 impl Sharing {
-    /// All of them.
-    pub const ALL: [Self; 3] = [Self::Shuffle8, Self::Broadcast8, Self::Broadcast16];
+    /// Both.
+    pub const ALL: [Self; 2] = [Self::Shuffle, Self::Broadcast];
 
     /// What it adds to a variant's name.
     const fn suffix(self) -> &'static str {
         match self {
-            Self::Shuffle8 => "",
-            Self::Broadcast8 => "_b8",
-            Self::Broadcast16 => "_b16",
+            Self::Shuffle => "",
+            Self::Broadcast => "_broadcast",
         }
     }
 
     /// What its shader defines beyond the variant's own.
     const fn defines(self) -> &'static [(&'static str, &'static str)] {
         match self {
-            Self::Shuffle8 => &[("SHARING", "8")],
-            Self::Broadcast8 => &[("SHARING", "8"), ("BROADCAST", "1")],
-            Self::Broadcast16 => &[("SHARING", "16"), ("BROADCAST", "1")],
+            Self::Shuffle => &[],
+            Self::Broadcast => &[("BROADCAST", "1")],
         }
     }
 }

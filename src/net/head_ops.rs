@@ -4,8 +4,8 @@
 //! makes first: they are applied there, so that one map of their sum is kept and not both maps.
 
 use super::builder::{Builder, Linear};
-use super::op::{Activation, OpKind, Slice, Stage};
 use super::head::{HIDDEN, KERNEL_SIDE, KernelHead};
+use super::op::{Activation, OpKind, Slice, Stage};
 
 /// The Linears of every level after the first.
 const LEVEL_NAMES: [(&str, &str); 4] =

@@ -4,8 +4,8 @@ use super::arch::{Arch, Decoder};
 use super::blocks::{Place, block};
 use super::builder::{Builder, Conv, Linear};
 use super::graph::Graph;
-use super::op::{Activation, Op, OpKind, Shuffle, Slice, Stage};
 use super::head_ops;
+use super::op::{Activation, Op, OpKind, Shuffle, Slice, Stage};
 
 /// The graph of a valid architecture.
 pub(super) fn build(arch: &Arch) -> Graph {
@@ -48,8 +48,7 @@ pub(super) fn build(arch: &Arch) -> Graph {
 
     let mut logits = Vec::new();
     let head = arch.head.kernels();
-    let of_level =
-        |b: &mut Builder, level, x| head.and_then(|head| head_ops::level_logits(b, head, level, x));
+    let of_level = |b: &mut Builder, level, x| head.and_then(|head| head_ops::level_logits(b, head, level, x));
     logits.extend(of_level(&mut b, arch.stages.len(), x));
     for (i, stage) in arch.stages.iter().enumerate().rev() {
         b.stage = Stage::Decoder(i as u32);
@@ -184,8 +183,8 @@ fn up(b: &mut Builder, i: usize, which: &str, input: Slice, into: Option<Slice>)
 mod tests {
     use super::*;
     use crate::net::arch::{Block, Convolution};
-    use crate::net::op::Shape;
     use crate::net::head::Head;
+    use crate::net::op::Shape;
     use std::collections::HashSet;
 
     /// The named networks and some that are none of them.

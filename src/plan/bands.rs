@@ -132,7 +132,8 @@ impl Chain {
             if closed && i > at {
                 let bytes = |value: &ValueId| match graph.value(*value).shape {
                     Shape::Map { stride, channels } => {
-                        u64::from(channels.next_multiple_of(4)) * target.storage.bytes() * 256 / u64::from(stride * stride)
+                        u64::from(channels.next_multiple_of(4)) * target.storage.bytes() * 256
+                            / u64::from(stride * stride)
                     }
                     Shape::Vector { .. } => 0,
                 };

@@ -117,8 +117,7 @@ pub struct Identity {
 const SHARING_LANES: u32 = 8;
 
 /// From this Mesa on lavapipe's `subgroupBroadcast` is one instruction where its lane is constant (25.0.7, measured).
-/// On 22.3.6 it looks for an active lane in a loop. `subgroupShuffle` is one instruction over eight lanes, a loop over
-/// sixteen.
+/// On 22.3.6 it looks for an active lane in a loop.
 const BROADCASTING_MESA: u32 = 25;
 
 /// Size of a texel: four 32-bit floats.
@@ -164,9 +163,8 @@ impl Caps {
     /// How lanes of a subgroup hand each other what they loaded, with [`Need::CpuDriver`].
     pub(crate) fn sharing(&self) -> Sharing {
         match self.lavapipe {
-            Some(mesa) if mesa >= BROADCASTING_MESA && self.subgroup_size >= 16 => Sharing::Broadcast16,
-            Some(mesa) if mesa >= BROADCASTING_MESA => Sharing::Broadcast8,
-            _ => Sharing::Shuffle8,
+            Some(mesa) if mesa >= BROADCASTING_MESA => Sharing::Broadcast,
+            _ => Sharing::Shuffle,
         }
     }
 
