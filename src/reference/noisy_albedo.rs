@@ -113,7 +113,7 @@ mod tests {
         for which in 0..5 {
             let pattern = move |x: usize, y: usize| {
                 let along = [x, y, x + y, x + 32 - y, x / 6 + y / 6][which];
-                f64::from(if which == 4 { along % 2 == 0 } else { along % 7 < 2 })
+                f64::from(if which == 4 { along.is_multiple_of(2) } else { along % 7 < 2 })
             };
             assert_eq!(changed(&features(pattern, move |x, y, _| pattern(x, y)), REACH), 0, "{which}");
         }
