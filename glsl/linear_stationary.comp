@@ -1,6 +1,5 @@
-// Pointwise convolution with its inputs held: act(film(W [a|b] + bias) + residual), 4*INPUTS input channels, of one map
-// or with TWO_SOURCES of two. An invocation loads all channels of its TX x TY tokens once, then makes four outputs
-// after another from them. Where glsl/linear.comp holds the sums and streams the inputs, no sum lives here longer than
+// Pointwise convolution with its inputs held: act(film(W a + bias) + residual), 4*INPUTS input channels of one map. An
+// invocation loads all channels of its TX x TY tokens once, then makes four outputs after another from them. Where glsl/linear.comp holds the sums and streams the inputs, no sum lives here longer than
 // a turn of the loop: CPU drivers keep a mask for every loop, by which they select and store whatever a turn changes.
 //
 // NORM: every token is brought to mean 0 and variance 1 over its channels first; gain and bias are in the weights.
@@ -16,7 +15,7 @@ TEXELS_OF(0, src)
 TEXELS_OF(1, weights)
 TEXELS_OF(2, film)
 TEXELS_OF(3, residual)
-TEXELS_OF(4, src_b)
+TEXELS_OF(4, src_b)           // of glsl/linear.comp, which takes the same push constants and bindings
 
 // Input channels whose weights are loaded at a time. All at once are more than the registers hold; fewer are faster
 // where lanes share by broadcast, slower elsewhere (docs/lavapipe.md).
@@ -30,7 +29,7 @@ layout(local_size_x = 64) in;
 
 layout(push_constant) uniform Push {
     Source src;
-    Source src_b;         // read with TWO_SOURCES
+    Source src_b;
     Target dst;
     Weights weights;      // [bias | packed weights]
     Weights film;         // [gamma | beta] with FLAG_FILM
@@ -57,13 +56,6 @@ layout(push_constant) uniform Push {
 const uint LANES_X = 8 / TX;
 const uint LANES = 64 / PIXELS;
 
-vec4 load_input(uint pixel, uint k) {
-#ifdef TWO_SOURCES
-    if (k >= src_channels) return LOAD(src_b, pixel * src_b_stride + k - src_channels);
-#endif
-    return LOAD(src, pixel * src_stride + k);
-}
-
 void main() {
     uint slot = group_index() * (64u / LANES) + gl_LocalInvocationID.x / LANES;
     uint count = tiles_of(tile_count, flags, tiles);
@@ -79,7 +71,7 @@ void main() {
     [[unroll]] for (int i = 0; i < INPUTS; ++i) {
         // Other lines of the processor's cache one after another, so that it waits for many at a time.
         int k = INPUTS < 4 ? i : i % (INPUTS / 4) * 4 + i / (INPUTS / 4);
-        [[unroll]] for (int p = 0; p < PIXELS; ++p) inputs[p * INPUTS + k] = load_input(pixels[p], k);
+        [[unroll]] for (int p = 0; p < PIXELS; ++p) inputs[p * INPUTS + k] = LOAD(src, pixels[p] * src_stride + k);
     }
     [[unroll]] for (int p = 0; p < PIXELS; ++p) {
 #ifdef NORM

@@ -135,10 +135,7 @@ contracts! {
         /// Pointwise convolution from 8 channels, held, for CPU drivers.
         LINEAR_K8_CPU = "linear_k8_cpu" "linear_stationary.comp" LinearPush
             { "TX": "4", "TY": "2", "INPUTS": "2", "LANES_SHARE": "1", "TEXELS": "1" } CPU, CPU_HALVES, DENSE;
-        /// Pointwise convolution from 16 channels, held, for CPU drivers.
-        LINEAR_K16_CPU = "linear_k16_cpu" "linear_stationary.comp" LinearPush
-            { "TX": "4", "TY": "2", "INPUTS": "4", "LANES_SHARE": "1", "TEXELS": "1" } CPU, CPU_HALVES, DENSE;
-        /// The same of normed tokens.
+        /// Pointwise convolution of normed tokens from 16 channels, held, for CPU drivers.
         LINEAR_K16_NORM_CPU = "linear_k16_norm_cpu" "linear_stationary.comp" LinearPush
             { "TX": "4", "TY": "2", "INPUTS": "4", "NORM": "1", "LANES_SHARE": "1", "TEXELS": "1" } CPU, CPU_HALVES, DENSE;
         /// Pointwise convolution from 32 channels, held, for CPU drivers.
@@ -147,15 +144,9 @@ contracts! {
         /// The same of normed tokens.
         LINEAR_K32_NORM_CPU = "linear_k32_norm_cpu" "linear_stationary.comp" LinearPush
             { "TX": "4", "TY": "2", "INPUTS": "8", "NORM": "1", "LANES_SHARE": "1", "TEXELS": "1" } CPU, CPU_HALVES, DENSE;
-        /// Pointwise convolution from 64 channels, held, for CPU drivers.
-        LINEAR_K64_CPU = "linear_k64_cpu" "linear_stationary.comp" LinearPush
-            { "TX": "2", "TY": "2", "INPUTS": "16", "LANES_SHARE": "1", "TEXELS": "1" } CPU, CPU_HALVES, DENSE;
-        /// The same of normed tokens.
+        /// Pointwise convolution of normed tokens from 64 channels, held, for CPU drivers.
         LINEAR_K64_NORM_CPU = "linear_k64_norm_cpu" "linear_stationary.comp" LinearPush
             { "TX": "2", "TY": "2", "INPUTS": "16", "NORM": "1", "LANES_SHARE": "1", "TEXELS": "1" } CPU, CPU_HALVES, DENSE;
-        /// The same from two maps.
-        LINEAR_K64_TWO_CPU = "linear_k64_two_cpu" "linear_stationary.comp" LinearPush
-            { "TX": "2", "TY": "2", "INPUTS": "16", "TWO_SOURCES": "1", "LANES_SHARE": "1", "TEXELS": "1" } CPU, CPU_HALVES, DENSE;
         /// Pointwise convolution of normed tokens from 128 channels, held, for CPU drivers.
         LINEAR_K128_NORM_CPU = "linear_k128_norm_cpu" "linear_stationary.comp" LinearPush
             { "TX": "2", "TY": "1", "INPUTS": "32", "NORM": "1", "LANES_SHARE": "1", "TEXELS": "1" } CPU, CPU_HALVES, DENSE;
@@ -182,9 +173,6 @@ contracts! {
         /// Joint window attention, 32 channels of keys and of values a head, for CPU drivers.
         WINDOW_ATTENTION_HEADS_CPU = "window_attention_heads_cpu" "window_attention_rows.comp" WindowAttentionPush
             { "KEYS": "8", "VALUES": "8", "QUERIES": "1", "LANES_SHARE": "1", "TEXELS": "1" } CPU, CPU_HALVES;
-        /// Joint window attention, 32 channels of keys and 64 of values, for CPU drivers.
-        WINDOW_ATTENTION_V64_CPU = "window_attention_v64_cpu" "window_attention_rows.comp" WindowAttentionPush
-            { "KEYS": "8", "VALUES": "16", "QUERIES": "1", "LANES_SHARE": "1", "TEXELS": "1" } CPU, CPU_HALVES;
         /// A small map made large.
         EXPAND = "expand" "expand.comp" ExpandPush {} &[], HALVES;
         /// The same for CPU drivers.

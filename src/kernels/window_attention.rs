@@ -87,7 +87,6 @@ impl Kernel for WindowAttention {
             (true, 8, 16) => of(&contracts::WINDOW_ATTENTION_V16_CPU, &halves::WINDOW_ATTENTION_V16_CPU),
             (true, 16, 32) => of(&contracts::WINDOW_ATTENTION_V32_CPU, &halves::WINDOW_ATTENTION_V32_CPU),
             (true, 32, 32) => of(&contracts::WINDOW_ATTENTION_HEADS_CPU, &halves::WINDOW_ATTENTION_HEADS_CPU),
-            (true, 32, 64) => of(&contracts::WINDOW_ATTENTION_V64_CPU, &halves::WINDOW_ATTENTION_V64_CPU),
             (true, ..) => of(&contracts::WINDOW_ATTENTION_CPU, &halves::WINDOW_ATTENTION_CPU),
             (false, ..) => of(&contracts::WINDOW_ATTENTION, &halves::WINDOW_ATTENTION),
         })

@@ -116,16 +116,16 @@ impl Linear {
     /// The variant for CPU drivers that holds all inputs, where there is one for so many.
     fn stationary(&self) -> Option<&'static Contract> {
         let of = |f32, f16| Some(by_storage(self.dst.storage, f32, f16));
-        match (self.inputs(), self.norm, self.src_b.is_some()) {
-            (8, false, false) => of(&contracts::LINEAR_K8_CPU, &halves::LINEAR_K8_CPU),
-            (16, false, false) => of(&contracts::LINEAR_K16_CPU, &halves::LINEAR_K16_CPU),
-            (16, true, false) => of(&contracts::LINEAR_K16_NORM_CPU, &halves::LINEAR_K16_NORM_CPU),
-            (32, false, false) => of(&contracts::LINEAR_K32_CPU, &halves::LINEAR_K32_CPU),
-            (32, true, false) => of(&contracts::LINEAR_K32_NORM_CPU, &halves::LINEAR_K32_NORM_CPU),
-            (64, false, false) => of(&contracts::LINEAR_K64_CPU, &halves::LINEAR_K64_CPU),
-            (64, true, false) => of(&contracts::LINEAR_K64_NORM_CPU, &halves::LINEAR_K64_NORM_CPU),
-            (64, false, true) => of(&contracts::LINEAR_K64_TWO_CPU, &halves::LINEAR_K64_TWO_CPU),
-            (128, true, false) => of(&contracts::LINEAR_K128_NORM_CPU, &halves::LINEAR_K128_NORM_CPU),
+        if self.src_b.is_some() {
+            return None;
+        }
+        match (self.inputs(), self.norm) {
+            (8, false) => of(&contracts::LINEAR_K8_CPU, &halves::LINEAR_K8_CPU),
+            (16, true) => of(&contracts::LINEAR_K16_NORM_CPU, &halves::LINEAR_K16_NORM_CPU),
+            (32, false) => of(&contracts::LINEAR_K32_CPU, &halves::LINEAR_K32_CPU),
+            (32, true) => of(&contracts::LINEAR_K32_NORM_CPU, &halves::LINEAR_K32_NORM_CPU),
+            (64, true) => of(&contracts::LINEAR_K64_NORM_CPU, &halves::LINEAR_K64_NORM_CPU),
+            (128, true) => of(&contracts::LINEAR_K128_NORM_CPU, &halves::LINEAR_K128_NORM_CPU),
             _ => None,
         }
     }
