@@ -268,9 +268,14 @@ fn bits_depend_on_nothing_else() {
     given.push(Given { kind: SignalKind::Alpha, channels: 1, samples: alpha });
     let mut plain = Denoiser::new(device(), &weights, &Options::default()).unwrap();
     let (alone, _) = denoise(&mut plain, &frame.frame(), &[]);
+    let mut signals: Vec<Vec<Vec<f32>>> = Vec::new();
     for options in [options(), Options { max_chain_bytes: Some(1 << 18), ..options() }] {
         let mut denoiser = Denoiser::new(device(), &weights, &options).unwrap();
         let (color, outputs) = denoise(&mut denoiser, &frame.frame(), &given);
+        for (one, other) in signals.iter().flatten().zip(&outputs) {
+            assert_same_bits(other, one, "a signal in bands");
+        }
+        signals.push(outputs.clone());
         assert_same_bits(&color, &alone, "the colour beside signals");
         assert_same_bits(&denoise(&mut denoiser, &frame.frame(), &[]).0, &alone, "the colour without signals");
         let reversed: Vec<Given> = given.iter().rev().cloned().collect();

@@ -23,7 +23,10 @@ impl Lowering<'_> {
             Call::KernelInputs(inputs) => Some((inputs.taps, inputs.albedo)),
             _ => None,
         });
-        let Some((taps, albedo)) = taps else { return };
+        let Some(views) = taps else { return };
+        // Of the whole frame, where the kernels' inputs are made in bands.
+        let (height, top) = (self.padded.height, 0);
+        let (taps, albedo) = (View { height, top, ..views.0 }, View { height, top, ..views.1 });
         let first = self.dispatches.len();
         let (width, height) = (self.extent.width, self.extent.height);
         let dst = View { channels: 8, stride: 8, ..taps };
