@@ -85,8 +85,8 @@ impl Engine {
     }
 
     /// The plan of a frame size in an arena that is there. Where it takes more than that, as frames just below the size
-    /// from which on chains run in bands do, it is made without dispatches side by side, then in narrower bands: the
-    /// bits are the same.
+    /// from which on chains run in bands do, it is made without dispatches side by side, then without
+    /// the map that is kept for predicted kernels, then in narrower bands: the bits are the same.
     pub fn plan_in(&self, extent: Extent, blocks: &[u64]) -> Result<Plan> {
         let mut target = self.target;
         loop {
