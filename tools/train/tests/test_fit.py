@@ -51,16 +51,19 @@ class LossTest(unittest.TestCase):
 class FitTest(unittest.TestCase):
     def test_shares_make_the_gradient_of_the_batch(self):
         store, found = small.store(), []
-        for share in (None, 1):
-            torch.manual_seed(3)
-            fit = Fit(small.network(), store, Options(**EXACT, parallel=2, share=share))
-            found.append(fit.gradients_of_batch())
+        # oneDNN rounds differently by the size of a batch, on some processors by 2 % of a gradient.
+        with torch.backends.mkldnn.flags(enabled=False):
+            for share in (None, 1):
+                torch.manual_seed(3)
+                fit = Fit(small.network(), store, Options(**EXACT, parallel=2, share=share))
+                found.append(fit.gradients_of_batch())
         (loss, error, gradients), (loss1, error1, gradients1) = found
+        whole = sum(one.norm().item() ** 2 for one in gradients if one is not None) ** 0.5
         torch.testing.assert_close((loss, error), (loss1, error1))
         for name, one, other in zip(fit.layout.names, gradients, gradients1):
             self.assertEqual(one is None, other is None, name)
             if one is not None:
-                self.assertLess((one - other).norm().item(), 1e-2 * one.norm().item() + 1e-9, name)
+                self.assertLess((one - other).norm().item(), 1e-2 * max(one.norm().item(), 1e-3 * whole), name)
 
     def test_terms_of_the_loss_have_their_weights(self):
         store, losses = small.store(), {}

@@ -53,7 +53,7 @@ class TrainTest(unittest.TestCase):
         self.assertEqual(set(found[-1]["clean"]), {"change", "psnr"})
         model, record = checkpoint.load_model(self.folder / "run" / "last.pt")
         self.assertEqual((record["steps"], record["changes"]["clean"], record["changes"]["shift"]), (3, 0.5, 4))
-        self.assertEqual((record["energy"], record["clean_weight"], record["scenes"]), (2.0, 4.0, ["shown"]))
+        self.assertEqual((record["energy"], record["clean_weight"], record["scenes"]), (5.0, 4.0, ["shown"]))
         before = small.network().state_dict()
         self.assertTrue(any(not torch.equal(w, before[name]) for name, w in model.state_dict().items()))
         weights.write(self.folder / "out.safetensors", model, record)

@@ -41,7 +41,7 @@ class Changes:
     hard_exposure: float = 1.5  # jitter there: the key of such a frame is a matter of luck
     grain: float = 0.12  # chance of noisy features
     real: float = 0.35  # share of rendered crops of real scenes where there are procedural ones
-    clean: float = 0.15  # chance to be given the reference, or a mixture of render and reference with little noise
+    clean: float = 0.0  # chance to be given the reference, or a mixture of render and reference with little noise
     clean_bare: float = 0.5  # chance of all features to be missing there
     shaded: float = 0.12  # chance of radiance computed from the features, without noise or with a known one (shaded.py)
     clean_below: float = 0.03  # what the render of most samples may be off by there (log rms): references are noisy too

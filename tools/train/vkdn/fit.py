@@ -30,7 +30,7 @@ class Options:
     delta: float = 0.5
     bright: float = 1.0
     knee: float = 0.002
-    energy: float = 2.0
+    energy: float = 5.0
     clean_weight: float = 4.0
     locality: float = 0.0
     film_jitter: float = 0.3
