@@ -54,11 +54,13 @@ fn errors(frame: &TestFrame, weights: &Weights) -> (f64, f64) {
     let mut output = vec![0.0; 3 * frame.extent.pixels() as usize];
     let plane = PlaneMut::f32(&mut output, Layout::interleaved(frame.extent, 3));
     let report = denoiser.denoise(&frame.frame(), plane).unwrap();
-    let banded = Options { max_chain_bytes: Some(1 << 18), ..on_matrices() };
-    let mut in_bands = vec![0.0; output.len()];
-    let plane = PlaneMut::f32(&mut in_bands, Layout::interleaved(frame.extent, 3));
-    Denoiser::new(device(), weights, &banded).unwrap().denoise(&frame.frame(), plane).unwrap();
-    assert_same_bits(&in_bands, &output, "in bands");
+    if compiles_fast() {
+        let banded = Options { max_chain_bytes: Some(1 << 18), ..on_matrices() };
+        let mut in_bands = vec![0.0; output.len()];
+        let plane = PlaneMut::f32(&mut in_bands, Layout::interleaved(frame.extent, 3));
+        Denoiser::new(device(), weights, &banded).unwrap().denoise(&frame.frame(), plane).unwrap();
+        assert_same_bits(&in_bands, &output, "in bands");
+    }
     let expected: Vec<f32> = reference.output().iter().map(|&v| v as f32).collect();
     let db = Comparison::new(frame.extent, &output, &expected).unwrap().tone_mapped_db(report.exposure);
     let (residual, _) = denoise_and_read(&mut denoiser, &frame.frame(), |plan| plan.residual.buffer).unwrap();
