@@ -16,7 +16,9 @@ LIGHTS = 3  # the first from everywhere alike
 DARKEST_ALBEDO = 0.02
 STRONGEST_GRAIN = 0.8
 # Of all noisy ones, in powers of 2 of the relative deviation.
-MOST_NOISE, LEAST_NOISE = 0.0, -6.0
+MOST_NOISE, LEAST_NOISE = -1.0, -6.0
+# How much of a sample's deviation its three channels share.
+SHARED = 0.9
 
 
 def uniform(like, *shape):
@@ -68,14 +70,12 @@ def shade(features, grained):
 
 def noisy(radiance):
     """[N, 3, H, W] with samples that deviate by a factor of mean 1, log-normal, alike all over a crop or less in its
-    light: half of the crops, the others as they are. Channels share anything from all of their deviation to nothing: light
-    of many colours makes noise of many."""
+    light: half of the crops, the others as they are."""
     n, _, height, width = radiance.shape
     some = (uniform(radiance, n, 1, 1, 1) < 0.5).float()
     size = torch.exp2(MOST_NOISE + (LEAST_NOISE - MOST_NOISE) * uniform(radiance, n, 1, 1, 1)) * some
     size = size * torch.lerp(torch.ones_like(size), 1.5 * stripes(radiance), uniform(radiance, n, 1, 1, 1))
     common = torch.randn(n, 1, height, width, device=radiance.device)
     own = torch.randn(n, 3, height, width, device=radiance.device)
-    shared = uniform(radiance, n, 1, 1, 1)
-    deviation = size * (shared.sqrt() * common + (1 - shared).sqrt() * own)
+    deviation = size * (SHARED * common + math.sqrt(1 - SHARED**2) * own)
     return radiance * torch.exp(deviation - size.square() / 2)
