@@ -34,7 +34,7 @@ Plane normal_plane = planes.normal;
 
 vec3 read_albedo(uvec2 at) {
 #ifdef IMAGES
-    return texelFetch(albedo_image, ivec2(at), 0).rgb;
+    return texelFetch(albedo_image, image_texel(albedo_plane, at), 0).rgb;
 #else
     uint index = plane_index(albedo_plane, at);
     return vec3(any_sample(albedo_plane, index, 0u), any_sample(albedo_plane, index, 1u), any_sample(albedo_plane, index, 2u));
@@ -53,7 +53,7 @@ vec3 read_normal(uvec2 at) {
     uint format = normal_plane.format;
     bool octahedral = (format & FORMAT_OCTAHEDRAL) != 0u;
 #ifdef IMAGES
-    vec3 n = texelFetch(normal_image, ivec2(at), 0).rgb;
+    vec3 n = texelFetch(normal_image, image_texel(normal_plane, at), 0).rgb;
     if (octahedral) n.z = 0.0;
 #else
     uint index = plane_index(normal_plane, at);

@@ -1,6 +1,7 @@
 // The network's residual to the denoised colour, cropped to the frame: an average of what came in, so at most its
 // largest sample. Light that went around the network is added. Where a map says what is converged, converged pixels are
-// the caller's, but for a blend beside those that are not.
+// the caller's, but for a blend beside those that are not. Of two members of an ensemble the first, turned by half a
+// circle, goes to memory, and the second is averaged with it.
 #version 460
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"
@@ -24,16 +25,21 @@ layout(push_constant) uniform Push {
     Planes planes;
     TileList tiles;       // with FLAG_TILE_LIST
     Uints map;            // with FLAG_CONVERGED
+    Floats turned;        // with FLAG_TURNED and FLAG_UPRIGHT: three floats for each pixel of the frame
     uint left;            // the pixels to write, ends excluded
     uint top;
     uint right;
     uint bottom;
     uint src_width;
     uint residual_stride; // in vectors of four
+    uint residual_top;    // the frame's row that its first one is
     uint first_tile;      // x | y << 16, in half tiles
     uint tile_count;
     uint flags;
     float blend;
+    uint width;           // of the frame
+    uint pixels;
+    uint unused;
 };
 
 #include "shared/read_color.glsl"
@@ -41,6 +47,7 @@ layout(push_constant) uniform Push {
 const uint FLAG_CONVERGED = 16u;
 const uint FLAG_RADIANCE = 32u;    // the network's result is exposed radiance
 #include "shared/converged_share.glsl"
+#include "shared/ensemble.glsl"
 
 // Where expm1 ends: the largest float's logarithm.
 const float MAX_LOG = 88.0;
@@ -72,9 +79,8 @@ void main() {
     float converged = (flags & FLAG_CONVERGED) != 0u ? converged_share(at) : 0.0;
     vec3 color = vec3(0.0);
     if (converged < 1.0) {
-        uint pixel = at.y * src_width + at.x;
-        vec4 noisy = LOAD(log_color, pixel);
-        vec3 result = LOAD(residual, pixel * residual_stride).xyz;
+        vec4 noisy = LOAD(log_color, at.y * src_width + at.x);
+        vec3 result = LOAD(residual, ((at.y - residual_top) * src_width + at.x) * residual_stride).xyz;
         bool is_radiance = (flags & FLAG_RADIANCE) != 0u;
         float inverse = 1.0 / stats.exposure;
         for (int i = 0; i < 3; ++i) {
@@ -94,8 +100,10 @@ void main() {
         vec3 own = min(light_of(read_color(at)), vec3(TARGET_MAX));
         color = converged < 1.0 ? mix(color, own, converged) : own;
     }
+    if (!is_averaged(at, 3u, color)) return;
 #ifdef IMAGES
-    imageStore(dst_image, ivec2(at), vec4(color, texelFetch(color_image, ivec2(at), 0).a));
+    ivec2 to = image_texel(planes.result.offset, planes.result.pixel, planes.result.channel, planes.result.row, at);
+    imageStore(dst_image, to, vec4(color, texelFetch(color_image, image_texel(color_plane, at), 0).a));
 #else
     store_target(planes.result, at, color, true);
 #endif

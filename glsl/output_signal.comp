@@ -21,6 +21,7 @@ layout(push_constant) uniform Push {
     SignalPlanes signal;
     Uints map;            // with FLAG_CONVERGED
     TileList tiles;       // with FLAG_TILE_LIST
+    Floats turned;        // with FLAG_TURNED and FLAG_UPRIGHT: the signal's channels for each pixel of the frame
     uint left;            // the pixels to write, ends excluded
     uint top;
     uint right;
@@ -30,6 +31,8 @@ layout(push_constant) uniform Push {
     uint tile_count;
     uint flags;
     float blend;
+    uint width;           // of the frame
+    uint pixels;
     uint unused;
 };
 
@@ -37,6 +40,7 @@ layout(push_constant) uniform Push {
 
 const uint FLAG_CONVERGED = 16u;
 #include "shared/converged_share.glsl"
+#include "shared/ensemble.glsl"
 
 void main() {
     uint slot = group_index();
@@ -71,5 +75,6 @@ void main() {
         result = converged < 1.0 ? mix(result, own, converged) : own;
     }
     if ((flags & FLAG_ALPHA) != 0u) result = clamp(result, 0.0, 1.0);
-    store_target(signal.result, at, result, (flags & FLAG_SIGNAL_ONE) == 0u);
+    bool all_three = (flags & FLAG_SIGNAL_ONE) == 0u;
+    if (is_averaged(at, all_three ? 3u : 1u, result)) store_target(signal.result, at, result, all_three);
 }

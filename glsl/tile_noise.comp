@@ -50,7 +50,7 @@ Plane noise_plane = planes.noise;
 
 float read_noise(uvec2 at) {
 #ifdef IMAGES
-    return texelFetch(noise_image, ivec2(at), 0).r;
+    return texelFetch(noise_image, image_texel(noise_plane, at), 0).r;
 #else
     return float_sample(noise_plane, plane_index(noise_plane, at));
 #endif

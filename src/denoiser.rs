@@ -204,6 +204,11 @@ fn check_options(options: &Options) -> Result<FrameOptions> {
     let frame = FrameOptions { exposure, blend, fireflies, ..FrameOptions::default() };
     check_host(&frame)?;
     options.converged.map_or(Ok(()), |converged| converged.check())?;
+    if options.self_ensemble && options.keep_features {
+        let reason = "what is kept of the features is of the frame itself, not of the turned one; set either \
+                      self_ensemble or keep_features";
+        return Err(Error::InvalidOption { option: "self_ensemble", reason: reason.into() });
+    }
     Ok(frame)
 }
 

@@ -120,7 +120,7 @@ impl Engine {
 
     /// What the plans of tiles are made for: the larger they are, the less of them overlaps.
     pub fn tile_target(&self) -> Target {
-        Target { of_tile: true, converged: None, keep_features: false, ..self.narrow_target() }
+        Target { of_tile: true, converged: None, keep_features: false, self_ensemble: false, ..self.narrow_target() }
     }
 
     /// Bytes of the budget, or of the device.

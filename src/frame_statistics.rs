@@ -163,7 +163,7 @@ impl<'a> Maker<'a> {
             told: Buffer::new(device, "statistics read", told, MemoryLocation::GpuToCpu)?,
             engine,
             frame,
-            table: PlaneTable::new(device, &table, &[])?,
+            table: PlaneTable::new(device, &table, &[], None)?,
             planes,
             rows,
         })
@@ -250,7 +250,7 @@ impl<'a> Maker<'a> {
         let resources = Resources { images: None, texels: &|range| whole(range.buffer) };
         // SAFETY: the buffers live in `self`, and `run` waits.
         let sets = unsafe { DescriptorSets::new(device, &dispatches, &pipelines, &resources)? };
-        let frame = FrameArgs { planes: table.address(), exposure: *exposure, ..FrameArgs::default() };
+        let frame = FrameArgs { planes: table.upright().address, exposure: *exposure, ..FrameArgs::default() };
         let recording = Recording {
             device,
             addresses: Addresses { buffer: &|id| buffers[id.0].address(), frame },
@@ -258,6 +258,7 @@ impl<'a> Maker<'a> {
             pipelines: &pipelines,
             sets: &sets,
             signals: &[],
+            turned: None,
             labels: &[],
             timestamps: None,
         };

@@ -113,7 +113,8 @@ impl HostPass {
     /// Device memory of the pass, its staging and its signals.
     pub fn device_bytes(&self) -> u64 {
         let staging = [&self.input, &self.output].into_iter().chain(self.in_device.iter().flatten());
-        self.pass.device_bytes() + staging.map(Buffer::size).sum::<u64>() + self.signals.device_bytes()
+        let turned = self.binding.as_ref().map_or(0, |(_, binding)| binding.planes.result_bytes());
+        self.pass.device_bytes() + staging.map(Buffer::size).sum::<u64>() + self.signals.device_bytes() + turned
     }
 
     pub fn extent(&self) -> Extent {

@@ -254,7 +254,7 @@ impl Pass {
                     blend: options.blend,
                     fireflies: options.fireflies,
                     converged_threshold: self.engine.converged_threshold,
-                    planes: binding.planes.address(),
+                    planes: binding.planes.upright().address,
                     signal: None,
                 },
             },
@@ -264,7 +264,8 @@ impl Pass {
             },
             pipelines: &binding.pipelines,
             sets: &binding.sets,
-            signals: binding.planes.signals(),
+            signals: &binding.planes.upright().signals,
+            turned: binding.planes.turned(),
             labels: &binding.labels,
             timestamps,
         };

@@ -50,10 +50,14 @@ pub(crate) fn works(dispatches: &[Dispatch], extent: Extent, signals: usize) -> 
         1.0 + dispatch.flops as f64 + share * (FLOPS_A_BYTE * bytes as f64 + FLOPS_A_PIXEL * pixels as f64)
     };
     let mut works: Vec<f64> = dispatches.iter().map(work).collect();
-    let of_signals: Vec<usize> = (0..works.len()).filter(|&i| dispatches[i].of_signals).collect();
-    let all: f64 = of_signals.iter().map(|&i| std::mem::take(&mut works[i])).sum();
-    if let Some(&first) = of_signals.first() {
-        works[first] = signals as f64 * all;
+    let mut at = 0;
+    for run in dispatches.chunk_by(|a, b| a.of_signals == b.of_signals) {
+        let of_run = &mut works[at..at + run.len()];
+        at += run.len();
+        if run.iter().any(|dispatch| dispatch.of_signals) {
+            let all: f64 = of_run.iter_mut().map(std::mem::take).sum();
+            of_run.iter_mut().take(1).for_each(|first| *first = signals as f64 * all);
+        }
     }
     works
 }

@@ -25,8 +25,8 @@ impl Weights {
     }
 }
 
-/// Run time against error: which network that ships, how its maps are stored, and whether what has converged is left
-/// as it is. A network of your own: [`Weights::from_file`].
+/// Run time against error: how the maps of the network that ships are stored, whether what has converged is left as it
+/// is, and whether two results are averaged. A network of your own: [`Weights::from_file`].
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum Quality {
     /// [`Weights::hybrid_kernels`], in halves; squares of 16x16 pixels with a relative noise below 0.02 keep the
@@ -35,7 +35,8 @@ pub enum Quality {
     /// [`Weights::hybrid_kernels`].
     #[default]
     Balanced,
-    /// Kept for a larger network; today it gives what [`Quality::Balanced`] gives.
+    /// [`Weights::hybrid_kernels`] over the frame and over the frame turned by half a circle, averaged, in twice the
+    /// time ([`Options::self_ensemble`](crate::Options::self_ensemble)).
     High,
 }
 
@@ -60,6 +61,11 @@ impl Quality {
         let caps = device.caps();
         let halves = self == Self::Fast && caps.kind == DeviceKind::Cpu && caps.meets(Need::Storage16);
         if halves { Precision::F16 } else { Precision::Auto }
+    }
+
+    /// Whether two results are averaged, for [`Options::self_ensemble`](crate::Options::self_ensemble).
+    pub fn self_ensemble(self) -> bool {
+        self == Self::High
     }
 
     /// What it leaves out, for [`Options::converged`](crate::Options::converged). Over the noisy test frames that took

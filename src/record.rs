@@ -4,6 +4,7 @@ use crate::descriptors::DescriptorSets;
 use crate::kernels::signals::SignalArgs;
 use crate::kernels::{Addresses, BufferId, FrameArgs};
 use crate::plan::Dispatch;
+use crate::planes::FrameTable;
 use crate::vk::device::Device;
 use crate::vk::pipeline::Pipeline;
 use crate::vk::submit;
@@ -25,6 +26,8 @@ pub(crate) struct Recording<'a> {
     pub sets: &'a DescriptorSets,
     /// Signals beside the colour: what is for them is recorded for each.
     pub signals: &'a [SignalArgs],
+    /// The planes and signals of the turned frame, where some dispatches work on that.
+    pub turned: Option<&'a FrameTable>,
     /// One for each dispatch, or none.
     pub labels: &'a [CString],
     /// Where the time before and after every dispatch goes: two timestamps each, from the number on; of what is for
@@ -68,8 +71,7 @@ impl Recording<'_> {
                 unsafe { self.barrier(commands, indirect) };
             }
             let [x, y, z] = dispatch.groups;
-            let own = self.signals.get(signal).copied().filter(|_| dispatch.of_signals);
-            let frame = FrameArgs { signal: own.or(self.addresses.frame.signal), ..self.addresses.frame };
+            let frame = self.frame(dispatch, signal);
             let push = dispatch.call.kernel().push(&Addresses { frame, ..self.addresses });
             // SAFETY: the caller vouches for `commands`; the contract's push constants were checked by the build.
             unsafe {
@@ -104,14 +106,29 @@ impl Recording<'_> {
         }
     }
 
+    /// The frame that a dispatch works on, with one of the signals.
+    fn frame(&self, dispatch: &Dispatch, signal: usize) -> FrameArgs {
+        let (frame, signals) = match self.turned.filter(|_| dispatch.turned) {
+            // The frame's own statistics are told, after this one's.
+            Some(turned) => {
+                (FrameArgs { planes: turned.address, told_at: None, ..self.addresses.frame }, turned.signals.as_slice())
+            }
+            None => (self.addresses.frame, self.signals),
+        };
+        let own = signals.get(signal).copied().filter(|_| dispatch.of_signals);
+        FrameArgs { signal: own.or(frame.signal), ..frame }
+    }
+
     /// The dispatches in the order in which they are recorded, each with its signal: what is for signals once for
     /// each of them, and once where there is none.
-    fn order(&self, dispatches: &[Dispatch]) -> impl Iterator<Item = (usize, usize)> + use<> {
-        let all = dispatches.len();
-        let first = dispatches.iter().position(|dispatch| dispatch.of_signals).unwrap_or(all);
-        let end = first + dispatches[first..].iter().take_while(|dispatch| dispatch.of_signals).count();
-        let signals = (0..self.signals.len().max(1)).flat_map(move |signal| (first..end).map(move |i| (i, signal)));
-        (0..first).map(|i| (i, 0)).chain(signals).chain((end..all).map(|i| (i, 0)))
+    fn order(&self, dispatches: &[Dispatch]) -> impl Iterator<Item = (usize, usize)> {
+        let (signals, mut at) = (self.signals.len().max(1), 0);
+        dispatches.chunk_by(|a, b| a.of_signals == b.of_signals).flat_map(move |run| {
+            let run_at = at..at + run.len();
+            at = run_at.end;
+            let times = if run.iter().any(|dispatch| dispatch.of_signals) { signals } else { 1 };
+            (0..times).flat_map(move |signal| run_at.clone().map(move |i| (i, signal)))
+        })
     }
 
     /// # Safety

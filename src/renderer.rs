@@ -264,7 +264,7 @@ impl ImageFrame {
                 )));
             }
             let row = &mut planes[role];
-            row.format = plane.format.as_read();
+            *row = PlaneArgs::of_image(plane.format.as_read());
             match role {
                 Role::Normal => {
                     self.normal_encoding.check(plane.format)?;

@@ -29,6 +29,9 @@ pub struct Target {
     pub of_tile: bool,
     /// How converged tiles are left out; `None`: none are.
     pub converged: Option<ConvergedMode>,
+    /// Whether the result is the average of the frame's and of what the frame turned by half a circle gives. Not with
+    /// `of_tile` and `keep_features`.
+    pub self_ensemble: bool,
     /// Whether signals beside the colour can go through the predicted kernels.
     pub signals: bool,
     /// Which operations are folded into others before anything else is chosen.
@@ -98,6 +101,7 @@ impl Default for Target {
             clean_aux: false,
             of_tile: false,
             converged: None,
+            self_ensemble: false,
             signals: false,
             folds: Folds::EVERYWHERE,
             conv: ConvAlgorithm::default(),
@@ -159,6 +163,7 @@ impl Target {
             keep_features: options.keep_features,
             clean_aux: options.clean_aux,
             converged: options.converged.map(|converged| converged.mode),
+            self_ensemble: options.self_ensemble,
             signals: options.signals,
             ..suitable
         })

@@ -131,8 +131,8 @@ impl Bench {
         dispatches.iter_mut().for_each(|dispatch| dispatch.barrier = true);
         let pipelines = self.pipelines.for_dispatches(&dispatches)?;
         let Self { submission, device, buffers, planes, frame, .. } = self;
-        let table = PlaneTable::new(device, planes, &[])?;
-        let frame = FrameArgs { planes: table.address(), ..*frame };
+        let table = PlaneTable::new(device, planes, &[], None)?;
+        let frame = FrameArgs { planes: table.upright().address, ..*frame };
         let texels = |range: &TexelRange| {
             let (_, buffer) = &buffers[range.buffer.0];
             let offset = GUARD as u64 + range.offset;
@@ -148,6 +148,7 @@ impl Bench {
             pipelines: &pipelines,
             sets: &sets,
             signals: &[],
+            turned: None,
             labels: &[],
             timestamps: None,
         };

@@ -135,6 +135,7 @@ fn what_each_quality_is() {
         assert_eq!(quality.converged().map(|converged| converged.threshold), is_fast.then_some(0.02), "{quality}");
         let halves = is_fast && device().info().kind == DeviceKind::Cpu && Bench::can_store_halves(device());
         assert_eq!(quality.precision(device()), if halves { Precision::F16 } else { Precision::Auto }, "{quality}");
+        assert_eq!(quality.self_ensemble(), quality == Quality::High);
         assert_eq!(quality.to_string().parse::<Quality>().unwrap(), quality);
     }
     assert_eq!(Quality::default(), Quality::Balanced);

@@ -277,6 +277,7 @@ fn the_way_out() {
         };
         rig.run(&[Call::Output(Output {
             residual,
+            residual_top: 0,
             radiance: i % 3 == 1,
             log_color,
             stats: STATS,
@@ -285,6 +286,7 @@ fn the_way_out() {
             tiles,
             region,
             converged: None,
+            ensemble: None,
         })]);
 
         let found = samples(&rig.bench.download(output, len), output_half);

@@ -6,8 +6,8 @@ layout(buffer_reference, std430, buffer_reference_align = 4) readonly buffer Wor
 #endif
 
 struct Plane {
-    Words words;          // of images not read, like offset and strides
-    uint offset;          // in samples, like the strides
+    Words words;          // of images not read
+    uint offset;          // in samples, like the strides; of images see image_texel
     uint pixel;
     uint row;
     uint channel;
@@ -62,6 +62,15 @@ const float MAX_FLOAT = 3.402823466e38;
 
 #ifdef IMAGES
 #extension GL_EXT_samplerless_texture_functions : require
+
+// Where a pixel is in an image: of a frame that is turned by half a circle counted from the last one back.
+ivec2 image_texel(uint column, uint across, uint row, uint down, uvec2 at) {
+    return ivec2(column + at.x * across, row + at.y * down);
+}
+
+ivec2 image_texel(Plane plane, uvec2 at) {
+    return image_texel(plane.offset, plane.pixel, plane.channel, plane.row, at);
+}
 #endif
 
 bool is_present(uint format) {

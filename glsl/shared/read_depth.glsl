@@ -5,7 +5,7 @@ Plane depth_plane = planes.depth;
 float read_depth(uvec2 at) {
     uint format = depth_plane.format;
 #ifdef IMAGES
-    float d = texelFetch(depth_image, ivec2(at), 0).r;
+    float d = texelFetch(depth_image, image_texel(depth_plane, at), 0).r;
 #else
     float d = any_sample(depth_plane, plane_index(depth_plane, at), 0u);
 #endif

@@ -71,6 +71,11 @@ impl Region {
         (x < right && y < bottom).then(|| Self { x, y, width: right - x, height: bottom - y })
     }
 
+    /// Where it lies when the frame is turned by half a circle.
+    pub(crate) const fn turned(&self, extent: Extent) -> Self {
+        Self { x: extent.width - self.right(), y: extent.height - self.bottom(), ..*self }
+    }
+
     /// Whether a pixel lies in it.
     pub const fn contains(&self, x: u32, y: u32) -> bool {
         self.x <= x && x < self.right() && self.y <= y && y < self.bottom()

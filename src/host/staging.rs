@@ -5,6 +5,7 @@ use crate::error::{Error, Result};
 use crate::formats::SampleFormat;
 use crate::frame::{Features, Layout, NoiseKind, Plane, PlaneMut, Region};
 use crate::host_signals::SignalPlanes;
+use crate::kernels::ensemble;
 use crate::kernels::planes::Planes;
 use crate::memory::{MemoryRequired, floats_before, input_bytes, plane_bytes};
 use crate::pass::Binding;
@@ -33,7 +34,10 @@ impl HostPass {
             // What names the old planes goes first.
             (self.recorded, self.binding, self.signals) = (None, None, SignalPlanes::default());
             let host = MemoryRequired::of_plan(self.pass.plan()).host();
-            self.engine.check_memory(extent, host + SignalPlanes::bytes(extent, signals.len()))?;
+            // Those of the turned frame too, where results are averaged: three channels at most.
+            let averaged = if self.engine.target.self_ensemble { signals.len() as u64 } else { 0 };
+            let turned = ensemble::result_bytes(extent, 3 * averaged);
+            self.engine.check_memory(extent, host + SignalPlanes::bytes(extent, signals.len()) + turned)?;
             self.signals = SignalPlanes::new(&self.engine.device, extent, signals.len())?;
         }
         self.signals.write(extent, signals);

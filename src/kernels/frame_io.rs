@@ -1,6 +1,7 @@
 //! The frame's way into the network and out of it.
 
 use super::contracts::{self, halves};
+use super::ensemble::{self, Member};
 use super::pushes::{InputAuxPush, InputColorPush, OutputPush};
 use super::stats::STATS_FLOATS;
 use super::{
@@ -8,7 +9,7 @@ use super::{
     by_storage, flags, groups,
 };
 use crate::error::{Error, Result};
-use crate::frame::Region;
+use crate::frame::{Extent, Region};
 use std::str::FromStr;
 
 /// What is done with fireflies: pixels much brighter than all of their neighbours but one. To the network they are
@@ -197,6 +198,8 @@ impl Kernel for InputAux {
 pub struct Output {
     /// The network's result r, three channels and padding.
     pub residual: View,
+    /// The frame's row that its first one is: of a band's another than 0.
+    pub residual_top: u32,
     /// Whether that is exposed radiance.
     pub radiance: bool,
     /// The network's colour input c.
@@ -214,6 +217,9 @@ pub struct Output {
     /// Map of what is to be denoised ([`super::converged::ConvergedMap`]). Converged pixels are the caller's own
     /// colour, but for a blend of [`super::converged::BLEND_PIXELS`] beside the others. `None`: everything is denoised.
     pub converged: Option<BufferId>,
+    /// Which result it is of those that are averaged, and where that of the turned frame lies: three floats a pixel.
+    /// `None`: the only one.
+    pub ensemble: Option<(Member, BufferId)>,
 }
 
 impl Kernel for Output {
@@ -246,18 +252,24 @@ impl Kernel for Output {
             planes: at.frame.planes,
             tiles: at.tiles(&self.tiles),
             map: self.converged.map_or(0, |map| at.of(map)),
+            turned: self.ensemble.map_or(0, |(_, result)| at.of(result)),
             left: self.region.x,
             top: self.region.y,
             right: self.region.right(),
             bottom: self.region.bottom(),
             src_width: self.residual.width,
             residual_stride: self.residual.stride / 4,
+            residual_top: self.residual_top,
             first_tile: self.tiles.first(),
             tile_count: self.tiles.count(self.width, self.height),
             flags: self.tiles.flags(self.width)
                 | self.converged.map_or(0, |_| flags::CONVERGED)
-                | if self.radiance { flags::RADIANCE } else { 0 },
+                | if self.radiance { flags::RADIANCE } else { 0 }
+                | Member::flag(self.ensemble.map(|(member, _)| member)),
             blend: at.frame.blend,
+            width: self.width,
+            pixels: self.width * self.height,
+            unused: 0,
         })
     }
 
@@ -267,8 +279,13 @@ impl Kernel for Output {
     }
 
     fn others(&self) -> Traffic {
-        let map = self.converged.map(|map| (map, u64::from(self.width) * u64::from(self.height) / 64));
-        Traffic::reading([(self.stats, STATS_FLOATS * 4)].into_iter().chain(map))
+        let extent = Extent::new(self.width, self.height);
+        let map = self.converged.map(|map| (map, extent.pixels() / 64));
+        let mut traffic = Traffic::reading([(self.stats, STATS_FLOATS * 4)].into_iter().chain(map));
+        if let Some((member, result)) = self.ensemble {
+            member.traffic(&mut traffic, result, ensemble::result_bytes(extent, 3));
+        }
+        traffic
     }
 
     fn reads_color(&self) -> bool {

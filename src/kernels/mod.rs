@@ -88,6 +88,7 @@ pub mod contract;
 pub mod contracts;
 pub mod converged;
 pub mod dense;
+pub mod ensemble;
 pub mod expand;
 pub mod film;
 pub mod frame_io;
@@ -178,6 +179,8 @@ mod flags {
     pub const GIVEN: u32 = 1;
     pub const TOLD: u32 = 2;
     pub const RADIANCE: u32 = 32;
+    pub const TURNED: u32 = 64;
+    pub const UPRIGHT: u32 = 128;
     pub const SIGNAL_ONE: u32 = 1 << 12;
     pub const LIGHT: u32 = 1 << 13;
     pub const ALPHA: u32 = 1 << 14;

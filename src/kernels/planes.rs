@@ -1,7 +1,7 @@
 //! The frame's planes as one table: a row for each, which kernels read by name (`glsl/shared/planes.glsl`). It is
 //! written when planes are bound, so that push constants carry one address whatever a frame has.
 
-use crate::frame::NoiseKind;
+use crate::frame::{Extent, NoiseKind};
 pub use crate::role::Role;
 use std::ops::{Index, IndexMut};
 
@@ -73,7 +73,8 @@ impl Format {
     }
 }
 
-/// A row of the table: a plane of the caller's, by default none. Strides and offset count samples.
+/// A row of the table: a plane of the caller's, by default none. Strides and offset count samples; of images, which have
+/// no address, pixel (x, y) is the texel (offset + x pixel, channel + y row). All of that is modulo 2^32.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 pub struct PlaneArgs {
@@ -97,6 +98,25 @@ pub struct PlaneArgs {
     pub unused: u32,
 }
 
+impl PlaneArgs {
+    /// Of an image.
+    pub const fn of_image(format: Format) -> Self {
+        Self { address: 0, offset: 0, pixel: 1, row: 1, channel: 0, format, scale: 0.0, bias: 0.0, unused: 0 }
+    }
+
+    /// The same plane turned by half a circle: its first pixel is the last one.
+    #[must_use]
+    pub const fn turned(self, extent: Extent) -> Self {
+        let across = self.pixel.wrapping_mul(extent.width - 1);
+        let down = self.row.wrapping_mul(extent.height - 1);
+        let (pixel, row) = (self.pixel.wrapping_neg(), self.row.wrapping_neg());
+        match self.address {
+            0 => Self { offset: self.offset + across, channel: self.channel + down, pixel, row, ..self },
+            _ => Self { offset: self.offset.wrapping_add(across).wrapping_add(down), pixel, row, ..self },
+        }
+    }
+}
+
 /// The planes of a frame.
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 pub struct Planes([PlaneArgs; Role::ALL.len()]);
@@ -105,6 +125,12 @@ impl Planes {
     /// The table's rows.
     pub const fn rows(&self) -> &[PlaneArgs; Role::ALL.len()] {
         &self.0
+    }
+
+    /// The same planes turned by half a circle.
+    #[must_use]
+    pub fn turned(&self, extent: Extent) -> Self {
+        Self(self.0.map(|row| if row.format.is_present() { row.turned(extent) } else { row }))
     }
 
     /// Says what the plane of noise holds.

@@ -2,6 +2,7 @@
 //! ([`crate::signals`]).
 
 use super::contracts;
+use super::ensemble::Member;
 use super::frame_io::firefly_flags;
 use super::planes::PlaneArgs;
 use super::pushes::{InputSignalPush, OutputSignalPush};
@@ -63,6 +64,8 @@ pub struct SignalArgs {
     pub channels: u32,
     /// Device address of its rows in the table of planes: its samples, then where they go.
     pub planes: u64,
+    /// Device address of the turned frame's result, where results are averaged: its channels for each pixel.
+    pub turned: u64,
 }
 
 impl SignalArgs {
@@ -79,7 +82,7 @@ impl SignalArgs {
 
 /// The signal that is being recorded; one that is not there has no samples.
 fn signal(at: &Addresses) -> SignalArgs {
-    let none = SignalArgs { kind: SignalKind::Value, channels: 1, planes: at.frame.planes };
+    let none = SignalArgs { kind: SignalKind::Value, channels: 1, planes: at.frame.planes, turned: 0 };
     at.frame.signal.unwrap_or(none)
 }
 
@@ -201,6 +204,8 @@ pub struct OutputSignal {
     /// As [`super::frame_io::Output::converged`]: converged pixels are the caller's own samples, 0 where they are not
     /// finite.
     pub converged: Option<BufferId>,
+    /// Which result it is of those that are averaged; `None`: the only one.
+    pub member: Option<Member>,
 }
 
 impl Kernel for OutputSignal {
@@ -231,6 +236,7 @@ impl Kernel for OutputSignal {
             signal: signal.planes,
             map: self.converged.map_or(0, |map| at.of(map)),
             tiles: at.tiles(&self.tiles),
+            turned: signal.turned,
             left: self.region.x,
             top: self.region.y,
             right: self.region.right(),
@@ -238,8 +244,13 @@ impl Kernel for OutputSignal {
             src_width: self.filtered.width,
             first_tile: self.tiles.first(),
             tile_count: self.tiles.count(self.width, self.height),
-            flags: self.tiles.flags(self.width) | signal.flags() | self.converged.map_or(0, |_| flags::CONVERGED),
+            flags: self.tiles.flags(self.width)
+                | signal.flags()
+                | self.converged.map_or(0, |_| flags::CONVERGED)
+                | Member::flag(self.member),
             blend: at.frame.blend,
+            width: self.width,
+            pixels: self.width * self.height,
             unused: 0,
         })
     }

@@ -25,7 +25,7 @@ pub struct Binding {
     pub(super) dispatches: Vec<Dispatch>,
     /// What each of them is labelled with, where they are.
     pub(super) labels: Vec<CString>,
-    pub(super) planes: PlaneTable,
+    pub(crate) planes: PlaneTable,
     /// The pass's own [`Pass::id`].
     pub(super) pass: u64,
 }
@@ -142,7 +142,8 @@ impl Pass {
         let resources = Resources { images, texels: &texels };
         // SAFETY: the caller vouches for the images; the arena and the weights outlive every use of the binding.
         let sets = unsafe { DescriptorSets::new(&engine.device, &dispatches, &pipelines, &resources)? };
-        let planes = PlaneTable::new(&engine.device, planes, signals)?;
+        let turned = engine.target.self_ensemble.then_some(self.plan.extent);
+        let planes = PlaneTable::new(&engine.device, planes, signals, turned)?;
         let labelled = engine.label_kernels && engine.device.debug().is_some();
         let label =
             |dispatch: &Dispatch| debug::text(&format!("{} ({})", dispatch.name, dispatch.variant.contract.name));

@@ -13,6 +13,7 @@
 
 use super::active::{Activity, Part};
 use super::featureless::For;
+use super::ensemble::members;
 use super::converged_reach::{reach_by_margins, reach_exactly, read_beyond};
 use super::region::{needed_tokens, set_region};
 use super::{Buffer, Dispatch, Place, Plan};
@@ -58,10 +59,12 @@ impl IndirectGroups {
 impl Plan {
     /// Restricts dispatches of a plan that leaves converged tiles out: what lies outside the region is converged.
     pub(crate) fn converged_outside(&self, region: Region, dispatches: &mut [Dispatch]) {
-        set_region(region, dispatches);
-        for dispatch in dispatches {
-            if let Call::ConvergedMap(map) = &mut dispatch.call {
-                map.region = region;
+        for (dispatches, region) in members(dispatches, region, self.extent) {
+            set_region(region, dispatches);
+            for dispatch in dispatches {
+                if let Call::ConvergedMap(map) = &mut dispatch.call {
+                    map.region = region;
+                }
             }
         }
     }

@@ -8,11 +8,12 @@ use super::placing::Placing;
 use super::schedule::{Scheduled, schedule};
 use super::steps::{Size, Step, Steps};
 use super::tile::Given;
-use super::{Buffer, Dispatch, Place, Plan, converged, features, hazards};
+use super::{Buffer, Dispatch, Place, Plan, converged, ensemble, features, hazards};
 use crate::error::{Error, Result};
 use crate::frame::{Extent, Region};
+use crate::kernels::ensemble::{Member, result_bytes};
 use crate::kernels::stats::Counted;
-use crate::kernels::{BufferId, Call, Storage, Tiles, View, film, frame_io, stats};
+use crate::kernels::{BufferId, Call, Storage, TILE, TileRect, Tiles, TokenRect, View, film, frame_io, stats};
 use crate::net::cost::op_flops;
 use crate::net::graph::Graph;
 use crate::net::op::{Stage, ValueId};
@@ -57,7 +58,10 @@ fn of_frame(graph: &Graph, extent: Extent, options: &Target, arena: Limits) -> R
     lowering.frame_in();
     lowering.ops();
     lowering.signals();
-    lowering.frame_out();
+    if !lowering.dispatches.iter().any(|dispatch| matches!(dispatch.call, Call::Output(_))) {
+        let residual = lowering.whole(lowering.graph.residual);
+        lowering.frame_out("output", residual, 0, Region::all(extent));
+    }
     Ok(lowering.finish(&[], arena))
 }
 
@@ -119,6 +123,8 @@ pub(super) struct Lowering<'a> {
     pub stats: BufferId,
     /// What is known of every tile of the colour.
     pub tile_stats: BufferId,
+    /// Where the result of the turned frame is kept, where there is an ensemble.
+    turned_result: Option<BufferId>,
 }
 
 impl<'a> Lowering<'a> {
@@ -135,6 +141,7 @@ impl<'a> Lowering<'a> {
             sums: HashMap::new(),
             stats: Steps::STATS,
             tile_stats: BufferId(0),
+            turned_result: None,
         }
     }
 
@@ -261,19 +268,39 @@ impl<'a> Lowering<'a> {
         }
     }
 
-    fn frame_out(&mut self) {
+    /// The picture, or a band of it: the pixels of `region`, from the network's result that begins at the frame's row
+    /// `top`.
+    pub(super) fn frame_out(&mut self, name: &str, residual: View, top: u32, region: Region) {
+        let Extent { width, height } = self.extent;
+        let rows = TokenRect { left: 0, top: region.y, right: region.right(), bottom: region.bottom() };
+        let tiles = match region == Region::all(self.extent) {
+            true => Tiles::All,
+            false => Tiles::Rect(TileRect::covering(rows, width.next_multiple_of(TILE), height.next_multiple_of(TILE))),
+        };
+        let ensemble = self.options.self_ensemble.then(|| (Member::Upright, self.turned_result()));
         let output = frame_io::Output {
-            residual: self.whole(self.graph.residual),
+            residual,
+            residual_top: top,
             log_color: self.whole(self.graph.color),
             stats: self.stats,
-            width: self.extent.width,
-            height: self.extent.height,
-            tiles: Tiles::All,
-            region: Region::all(self.extent),
+            width,
+            height,
+            tiles,
+            region,
             radiance: self.graph.arch.head.kernels().is_some(),
             converged: None,
+            ensemble,
         };
-        self.push("output", Stage::Output, 0, Call::Output(output));
+        self.push(name, Stage::Output, 0, Call::Output(output));
+    }
+
+    /// Where the result of the turned frame is kept.
+    fn turned_result(&mut self) -> BufferId {
+        if let Some(result) = self.turned_result {
+            return result;
+        }
+        let result = self.scratch("turned.result", result_bytes(self.extent, 3), Storage::F32);
+        *self.turned_result.insert(result)
     }
 
     fn ops(&mut self) {
@@ -327,12 +354,13 @@ impl<'a> Lowering<'a> {
         if options.keep_features {
             outlives.extend(features::kept(merged.iter().map(|(dispatch, _)| dispatch)));
         }
-        let placing = Placing { lists: &lists, outlives: &outlives, kept, options, arena };
+        let kept: Vec<BufferId> = kept.iter().copied().chain(self.turned_result).collect();
+        let placing = Placing { lists: &lists, outlives: &outlives, kept: &kept, options, arena };
         let (blocks, persistent) = placing.place(&mut self.buffers)?;
         let mut marked = lists.into_iter().map(|Scheduled { mut dispatches, .. }| {
             dispatches.iter_mut().for_each(|dispatch| dispatch.choose(options.kernels));
             hazards::mark(&mut dispatches, &self.buffers);
-            dispatches
+            if options.self_ensemble { ensemble::both(dispatches) } else { dispatches }
         });
         let (dispatches, without_features) = (marked.next().unwrap_or_default(), marked.next());
         Ok(Plan {

@@ -6,6 +6,7 @@ pub(crate) mod arena;
 mod bands;
 pub mod converged;
 mod converged_reach;
+pub(crate) mod ensemble;
 mod featureless;
 mod features;
 mod fuse;
@@ -93,6 +94,8 @@ pub struct Dispatch {
     pub flops: u64,
     /// Which band of the frame's rows it works on, where it is one of a chain that runs band by band.
     pub band: Option<u32>,
+    /// Whether it works on the frame turned by half a circle ([`Target::self_ensemble`]). These come first.
+    pub turned: bool,
     /// Whether it depends on albedo, normal and depth alone.
     pub of_features: bool,
     /// Whether it serves the depth plane alone, and is left out where there is none.
@@ -118,6 +121,7 @@ impl Dispatch {
             barrier: false,
             flops,
             band: None,
+            turned: false,
             of_features: false,
             of_depth: false,
             of_signals: false,
@@ -213,7 +217,7 @@ pub struct Plan {
     pub log_color: View,
     /// The network's auxiliary input.
     pub aux: View,
-    /// The network's result r.
+    /// The network's result r; nowhere in whole, where the head runs in bands.
     pub residual: View,
     /// The frame's statistics ([`crate::kernels::stats`]).
     pub stats: BufferId,

@@ -8,6 +8,7 @@
 //! What is one number for the frame stays the frame's: exposure, depth scale, and the FiLM means, which need all tokens
 //! of the auxiliary features of their stage.
 
+use super::ensemble::members;
 use super::{Dispatch, Plan};
 use crate::frame::Region;
 use crate::kernels::{Access, BufferId, Call, Grid, TILE, TileRect, Tiles, TokenRect, View};
@@ -25,7 +26,9 @@ impl Plan {
 
     /// The same for other dispatches of this plan.
     pub(crate) fn restrict_to(&self, region: Region, dispatches: &mut [Dispatch]) {
-        restrict_all(dispatches, region, |dispatch| self.keeps_features && dispatch.of_features);
+        for (dispatches, region) in members(dispatches, region, self.extent) {
+            restrict_all(dispatches, region, |dispatch| self.keeps_features && dispatch.of_features);
+        }
     }
 }
 
@@ -45,16 +48,19 @@ pub(super) fn restrict_all(dispatches: &mut [Dispatch], region: Region, keeps: i
     }
 }
 
-/// Has the last kernels write the pixels of a region alone.
+/// Has the last kernels write the pixels of a region alone, a band's those that are its own too.
 pub(super) fn set_region(region: Region, dispatches: &mut [Dispatch]) {
     for dispatch in dispatches {
         match &mut dispatch.call {
-            Call::Output(output) => output.region = region,
+            Call::Output(output) => output.region = output.region.common(&region).unwrap_or(NOTHING),
             Call::OutputSignal(output) => output.region = region,
             _ => {}
         }
     }
 }
+
+/// No pixels.
+const NOTHING: Region = Region { x: 0, y: 0, width: 0, height: 0 };
 
 /// The tokens that every dispatch has to compute of its result for the pixels of `region`, and no others; `None` for
 /// those without tiles and for those that are kept as they are.
@@ -143,8 +149,18 @@ pub(super) fn restrict_chain(
 impl Needed {
     /// What a last kernel has to compute for the pixels that are wanted; what it needs itself is added.
     fn output(&mut self, output: &Call, region: Region) -> TokenRect {
+        let (region, band) = match output {
+            Call::Output(output) => {
+                (output.region.common(&region).unwrap_or(NOTHING), Some((output.residual.buffer, output.residual_top)))
+            }
+            _ => (region, None),
+        };
         let rect = TokenRect { left: region.x, top: region.y, right: region.right(), bottom: region.bottom() };
-        output.maps().iter().for_each(|(view, _)| self.add(view, rect));
+        for (view, _) in output.maps() {
+            let top = band.filter(|(of_band, _)| *of_band == view.buffer).map_or(0, |(_, top)| top);
+            let row = |row: u32| row.saturating_sub(top);
+            self.add(&view, TokenRect { top: row(rect.top), bottom: row(rect.bottom), ..rect });
+        }
         rect
     }
 

@@ -3,6 +3,7 @@
 
 use super::lower::Lowering;
 use crate::frame::Region;
+use crate::kernels::ensemble::Member;
 use crate::kernels::signals::{InputSignal, OutputSignal};
 use crate::kernels::{Call, Storage, Tiles, View};
 use crate::net::op::Stage;
@@ -63,6 +64,7 @@ impl Lowering<'_> {
             tiles: Tiles::All,
             region: Region::all(self.extent),
             converged: None,
+            member: self.options.self_ensemble.then_some(Member::Upright),
         };
         self.push("signal.output", Stage::Output, 0, Call::OutputSignal(output));
         self.dispatches[first..].iter_mut().for_each(|dispatch| dispatch.of_signals = true);

@@ -9,6 +9,7 @@ use super::{Reference, Twin};
 use crate::frame::NoiseKind;
 use crate::frame::{Extent, Frame, Plane, Samples};
 use crate::kernels::converged::{BLEND_PIXELS, MAP_TILE};
+use crate::kernels::ensemble::Member;
 use crate::kernels::frame_io::{Fireflies, InputAux, InputColor, Output};
 use crate::kernels::stats::{EXPOSURE, LARGEST};
 
@@ -91,6 +92,14 @@ impl FrameData {
             far: if half_depth { FAR_HALF } else { FAR },
             ..Self::black(extent)
         }
+    }
+
+    /// Turns the frame by half a circle, its signal with it.
+    pub fn turn(&mut self) {
+        let Self { color, albedo, normal, depth, noise, .. } = self;
+        let planes = [(Some(color), 3), (albedo.as_mut(), 3), (normal.as_mut(), 3), (depth.as_mut(), 1), (noise.as_mut(), 1)];
+        planes.into_iter().for_each(|(plane, channels)| plane.into_iter().for_each(|plane| turn(plane, channels)));
+        self.signal.iter_mut().for_each(|signal| turn(&mut signal.samples, signal.channels));
     }
 
     /// The samples of a pixel as they are.
@@ -198,6 +207,7 @@ impl Twin for Output {
     /// around the network; cropped.
     fn compute(&self, reference: &mut Reference) {
         let (residual, log_color) = (reference.map(&self.residual), reference.map(&self.log_color));
+        let top = self.residual_top as usize;
         let stats = reference.buffer(self.stats);
         let exposure = stats[EXPOSURE];
         let map = self.converged.map(|map| reference.buffer(map));
@@ -205,7 +215,10 @@ impl Twin for Output {
         let most = f64::from(f32::MAX);
         let (blend, end) = (frame.blend, if frame.output_half { LARGEST_HALF } else { most });
         let (width, height) = (self.width as usize, self.height as usize);
-        let mut out = reference.output.clone();
+        let mut out = match self.ensemble {
+            Some(_) => Vec::new(),
+            None => reference.output.clone(),
+        };
         out.resize(3 * width * height, f64::NAN);
         for (x, y) in tiles::tokens(&reference.tiles(&self.tiles, self.width, self.height), width, height) {
             if !self.region.contains(x as u32, y as u32) {
@@ -214,7 +227,7 @@ impl Twin for Output {
             let converged = map.map_or(0.0, |map| converged_share(map, self.residual.width / MAP_TILE, x, y));
             let mark = log_color.token(x, y)[3];
             for channel in 0..3 {
-                let (c, r) = (log_color.token(x, y)[channel], residual.token(x, y)[channel]);
+                let (c, r) = (log_color.token(x, y)[channel], residual.token(x, y - top)[channel]);
                 let linear = |log: f64| clamp(log.exp_m1() / exposure, most);
                 let clean = if self.radiance { clamp(r / exposure, most) } else { linear(c + r) };
                 let denoised = clamp(clean, stats[LARGEST + channel]);
@@ -233,7 +246,26 @@ impl Twin for Output {
                 };
             }
         }
+        match self.ensemble {
+            Some((Member::Turned, result)) => return reference.set_buffer(result, &out),
+            Some((Member::Upright, result)) => average(&mut out, reference.buffer(result), 3),
+            None => {}
+        }
         reference.output = out;
+    }
+}
+
+/// Turns a plane by half a circle: its first pixel is the last one.
+fn turn(plane: &mut [f32], channels: usize) {
+    plane.reverse();
+    plane.chunks_exact_mut(channels).for_each(<[f32]>::reverse);
+}
+
+/// Averages a result with that of the turned frame.
+pub fn average(upright: &mut [f64], turned: &[f64], channels: usize) {
+    let turned = turned.chunks_exact(channels).rev();
+    for (own, other) in upright.chunks_exact_mut(channels).zip(turned) {
+        own.iter_mut().zip(other).for_each(|(own, other)| *own = 0.5 * *own + 0.5 * other);
     }
 }
 

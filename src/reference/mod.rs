@@ -131,7 +131,7 @@ impl<'a> Reference<'a> {
         plane.check("signal", self.extent, channels)?;
         let mut samples = vec![0.0; channels * self.extent.pixels() as usize];
         plane.pack(self.extent, channels, &mut samples);
-        self.frame.signal = Some(SignalData { kind, channels, samples, output: Vec::new() });
+        self.frame.signal = Some(SignalData { kind, channels, samples, output: Vec::new(), turned: Vec::new() });
         Ok(())
     }
 
@@ -165,8 +165,14 @@ impl<'a> Reference<'a> {
     /// Runs one dispatch of the plan.
     pub fn run_dispatch(&mut self, index: usize) {
         let dispatch = &self.dispatches[index];
+        if dispatch.turned {
+            self.frame.turn();
+        }
         if !dispatch.of_signals || self.frame.signal.is_some() {
             self.run_call(&dispatch.call);
+        }
+        if dispatch.turned {
+            self.frame.turn();
         }
     }
 

@@ -1,12 +1,13 @@
 //! Twins of the kernels for signals beside the colour ([`crate::kernels::signals`]).
 
-use super::frame_io::{LARGEST_HALF, RANGE, clamp, converged_share, fill};
+use super::frame_io::{LARGEST_HALF, RANGE, average, clamp, converged_share, fill};
 use super::map::Map;
 use super::predicted::demodulator;
 use super::samples::{Mending, Way, light_of};
 use super::tiles;
 use super::{Reference, Twin};
 use crate::kernels::converged::MAP_TILE;
+use crate::kernels::ensemble::Member;
 use crate::kernels::signals::{InputSignal, OutputSignal};
 use crate::kernels::stats::{EXPOSURE, LARGEST};
 use crate::signals::SignalKind;
@@ -18,6 +19,8 @@ pub struct SignalData {
     pub channels: usize,
     pub samples: Vec<f32>,
     pub output: Vec<f64>,
+    /// What became of the turned one, where results are averaged.
+    pub turned: Vec<f64>,
 }
 
 impl SignalData {
@@ -158,6 +161,11 @@ impl Twin for OutputSignal {
                 let result = if signal.kind == SignalKind::Alpha { mixed.clamp(0.0, 1.0) } else { mixed };
                 signal.output[(y * width + x) * signal.channels + c] = result;
             }
+        }
+        match self.member {
+            Some(Member::Turned) => signal.turned = std::mem::take(&mut signal.output),
+            Some(Member::Upright) => average(&mut signal.output, &signal.turned, signal.channels),
+            None => {}
         }
         reference.frame.signal = Some(signal);
     }

@@ -74,7 +74,7 @@ pub struct Args {
     pub view: Option<String>,
 
     /// Run time against error: fast, balanced or high. fast is --skip-below 0.02, and on a CPU --precision fp16; high
-    /// is kept for a larger network and today gives what balanced gives
+    /// averages the results of the image and of the image turned by half a circle, in twice the time
     #[arg(long, value_name = "Q", default_value = "balanced", value_parser = parsed::<Quality>)]
     pub quality: Quality,
 

@@ -32,6 +32,8 @@ pub struct Outcome<'a> {
     /// The network's name.
     pub network: &'a str,
     pub precision: String,
+    /// Whether two results were to be averaged: those of images in tiles are not.
+    pub self_ensemble: bool,
     pub report: &'a Report,
     /// What was denoised, where converged squares are left out.
     pub active: Option<&'a ActiveTiles>,
@@ -88,6 +90,8 @@ struct Record<'a> {
     driver: &'a str,
     network: &'a str,
     precision: &'a str,
+    /// Whether it is the average of two results.
+    averaged: bool,
     exposure: f32,
     gpu_ms: Option<f64>,
     total_ms: f64,
@@ -165,6 +169,7 @@ impl Outcome<'_> {
             driver: self.driver,
             network: self.network,
             precision: &self.precision,
+            averaged: self.self_ensemble && self.report.tiles.is_none(),
             exposure: self.report.exposure,
             gpu_ms: self.report.gpu_ms,
             total_ms: self.report.total_ms,
@@ -220,7 +225,8 @@ impl Outcome<'_> {
             format!(", {denoised:.1} % of it denoised for {:.1} % of the work", 100.0 * report.work)
         });
         let tiles = report.tiles.map_or(String::new(), |TileReport { count, margin, .. }| {
-            format!(" in {count} tiles with margins of {margin}")
+            let once = if self.self_ensemble { ", not averaged as --quality high would" } else { "" };
+            format!(" in {count} tiles with margins of {margin}{once}")
         });
         format!(
             "{}{}: {part}{width} x {height}{tiles}{converged}, exposure {:.4}, {} {} in {:.1} ms{gpu} ({})",

@@ -64,6 +64,7 @@ impl Engine {
             clean_aux: *clean_aux,
             memory_budget: memory_budget.map(|mib| mib << 20),
             converged: args.converged(),
+            self_ensemble: args.quality.self_ensemble(),
             signals: !args.signals().is_empty(),
             ..Options::default()
         };
@@ -219,6 +220,7 @@ impl<'a> Session<'a> {
             driver: &device.info().driver,
             network: &self.weights.arch().name,
             precision: denoiser.precision().to_string(),
+            self_ensemble: self.args.quality.self_ensemble(),
             report: &view.report,
             active: view.active.as_ref(),
             selection: view.frame.selection(),

@@ -20,6 +20,8 @@ from kit import images, metrics
 
 COLOR_ONLY_SPP = 4
 PICTURE_SPP = 4
+# The column of `--quality high`.
+HIGH = "vkdenoise, high"
 
 
 def inputs_of(view, folder):
@@ -37,6 +39,8 @@ def chosen_methods(args):
     chosen = {"noisy": methods.noisy}
     if args.vkdenoise:
         chosen["vkdenoise"] = methods.vkdenoise(args.vkdenoise, *(["--weights", args.weights] if args.weights else []))
+    if args.vkdenoise and not args.weights:
+        chosen[HIGH] = methods.vkdenoise(args.vkdenoise, "--quality", "high")
     if args.pytorch:
         chosen["PyTorch"] = methods.pytorch(args.pytorch)
     return chosen | {"bilateral": methods.cross_bilateral, "OIDN": methods.oidn}

@@ -93,6 +93,7 @@ impl Settings {
             blend: self.blend,
             clean_aux: self.clean_aux,
             converged: self.converged,
+            self_ensemble: self.quality.self_ensemble(),
             memory_budget: self.memory_budget,
             keep_features: self.keep_features,
             signals: self.signals,

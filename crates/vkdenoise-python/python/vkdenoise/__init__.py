@@ -291,8 +291,8 @@ def denoise(
 
     Options
         quality        run time against error: "fast", "balanced" or "high". "fast" skips below 0.02, and keeps feature
-                       maps in halves on a CPU too; "high" is kept for a larger network and today gives what
-                       "balanced" gives.
+                       maps in halves on a CPU too; "high" averages the results of the frame and of the frame
+                       turned by half a circle, in twice the time.
         weights        a safetensors file in place of the network that ships.
         precision      "auto", "fp32", "fp16" (feature maps in halves, for half of the memory) or "matrix" (halves in
                        cooperative matrices, where the device has them).
