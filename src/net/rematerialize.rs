@@ -41,6 +41,11 @@ impl Graph {
             op.stage = Stage::Output;
             values_mut(op)?.into_iter().for_each(|value| *value = *made.get(value).unwrap_or(value));
         }
+        // A sum takes the place of what it adds to.
+        if let Some(Op { kind: OpKind::Linear { residual: Some(residual), output, .. }, .. }) = again.last_mut() {
+            output.value = residual.value;
+            made.insert(kept, residual.value);
+        }
         let OpKind::KernelInputs { early, .. } = &mut graph.ops[reader].kind else { return None };
         early.value = *made.get(&kept)?;
         graph.ops.splice(reader..reader, again);

@@ -8,6 +8,7 @@
 use super::lower::Lowering;
 use super::region::restrict_chain;
 use super::steps::Step;
+use crate::frame::Region;
 use crate::kernels::{BufferId, Call, TILE, predicted};
 use crate::net::graph::Graph;
 use crate::net::op::{Op, OpKind, Shape, ValueId};
@@ -69,7 +70,9 @@ impl Lowering<'_> {
     fn lower_band(&mut self, chain: &Chain, steps: &[Step], number: u32, (first, end): (u32, u32)) {
         let top = first.saturating_sub(chain.halo);
         let bottom = (end + chain.halo).min(self.padded.height);
-        let locals = chain.locals.iter().filter_map(|value| self.steps.values.get(value)).copied().collect();
+        let picture = chain.makes_picture.then_some(&self.graph.residual);
+        let locals = chain.locals.iter().chain(picture).filter_map(|value| self.steps.values.get(value));
+        let locals = locals.copied().collect();
         self.band = Some(Band { top, bottom, locals, buffers: HashMap::new() });
         let placed = |step: &Step| (step.ops.end - 1, self.placed(&step.call), self.flops(step));
         let mut calls: Vec<_> = steps.iter().map(placed).collect();
@@ -81,6 +84,7 @@ impl Lowering<'_> {
         let results: Vec<bool> = calls.iter().map(|(op, ..)| stays(*op)).collect();
         let mut only: Vec<&mut Call> = calls.iter_mut().map(|(_, call, _)| call).collect();
         restrict_chain(&mut only, &results, (top, bottom), (first, end));
+        let result = calls.last().and_then(|(_, call, _)| call.result());
         for (op, call, flops) in calls {
             let op = &self.graph.ops[op];
             let Some(grid) = call.grid() else { continue };
@@ -92,6 +96,11 @@ impl Lowering<'_> {
             if let Some(dispatch) = self.dispatches.last_mut() {
                 dispatch.band = Some(number);
             }
+        }
+        if let Some(picture) = result.filter(|_| chain.makes_picture) {
+            let all = Region::all(self.extent);
+            let rows = Region { y: first, height: end.min(all.height).saturating_sub(first), ..all };
+            self.frame_out(&format!("output.band{number}"), picture, top, rows);
         }
     }
 }
@@ -109,19 +118,27 @@ struct Chain {
     halo: u32,
     /// Pixel rows of a tile of the coarsest map touched.
     grain: u32,
+    /// Whether its result is the network's, to be made a picture band by band too.
+    makes_picture: bool,
 }
 
 impl Chain {
     /// The longest chain that begins at `at`; a single operation if there is no longer one.
     fn new(graph: &Graph, at: usize, target: &Target) -> Self {
-        let mut best = Self { at, ops: 1, locals: Vec::new(), widest: 0, halo: 0, grain: TILE };
+        let mut best = Self { at, ops: 1, locals: Vec::new(), widest: 0, halo: 0, grain: TILE, makes_picture: false };
         let mut made: Vec<ValueId> = Vec::new();
         let kept = kept_for_kernels(graph);
+        let head = head_in_bands(graph).filter(|_| !target.signals);
         let (mut reach, mut grain) = (0, TILE);
         for (i, op) in graph.ops.iter().enumerate().skip(at) {
             let Some(step) = reach_of(graph, op) else { break };
-            // Kernels, and what they are predicted from, are read for every signal.
-            if target.signals && matches!(op.kind, OpKind::PredictKernels { .. } | OpKind::ApplyKernels { .. }) {
+            // Kernels, and what they are predicted from, are read for every signal. Where memory counts less than
+            // dispatches, levels are made of the whole frame. The head's chain is its own: it reaches far.
+            let of_kernels = matches!(op.kind, OpKind::PredictKernels { .. } | OpKind::ApplyKernels { .. });
+            if target.signals && of_kernels
+                || head.is_none() && matches!(op.kind, OpKind::Halve { .. })
+                || head.is_some_and(|first| at < first && first <= i)
+            {
                 break;
             }
             reach += step;
@@ -139,10 +156,14 @@ impl Chain {
                 };
                 let widest = made.iter().map(bytes).max().unwrap_or(0);
                 let (ops, locals) = (i + 1 - at, made.clone());
-                best = Self { at, ops, locals, widest, halo: reach.next_multiple_of(grain), grain };
+                let makes_picture = head.is_some() && result == graph.residual;
+                best = Self { at, ops, locals, widest, halo: reach.next_multiple_of(grain), grain, makes_picture };
             }
             if !kept.contains(&result) {
                 made.push(result);
+            }
+            if let (OpKind::KernelInputs { taps, .. }, Some(_)) = (&op.kind, head) {
+                made.push(taps.value);
             }
         }
         best
@@ -157,31 +178,46 @@ fn reach_of(graph: &Graph, op: &Op) -> Option<u32> {
         OpKind::Depthwise3x3 { input, .. } => stride_of(graph, input.value),
         OpKind::Unembed { input, .. } => stride_of(graph, input.value).map(|stride| 2 * stride),
         OpKind::Linear { .. } | OpKind::LayerNorm { .. } => Some(0),
-        // What kernels read beyond their rows, in whole tiles: of taps, which stay, all that is written counts.
+        // What kernels read beyond their rows, in whole tiles: of taps, which may stay, all that is written counts.
         OpKind::KernelInputs { tokens, .. } => {
             stride_of(graph, tokens.value).map(|stride| predicted::REACH.next_multiple_of(TILE * stride))
         }
         OpKind::PredictKernels { .. } => Some(0),
+        OpKind::Halve { .. } => Some(0),
         OpKind::ApplyKernels { sums, .. } => stride_of(graph, sums.value).map(|stride| predicted::REACH * stride),
-        OpKind::WindowAttention { .. }
-        | OpKind::FilmMean { .. }
-        | OpKind::FilmVector { .. }
-        | OpKind::Halve { .. }
-        | OpKind::MixLevels { .. } => None,
+        OpKind::MixLevels { levels, .. } => levels.iter().filter_map(|level| stride_of(graph, level.value)).max(),
+        OpKind::WindowAttention { .. } | OpKind::FilmMean { .. } | OpKind::FilmVector { .. } => None,
     }
 }
 
 /// What is made of maps at full size for predicted kernels, long before these: nothing, where it is made again.
 fn kept_for_kernels(graph: &Graph) -> Vec<ValueId> {
-    let Some(early) = graph.kept_for_kernels() else { return Vec::new() };
-    let maker = graph.ops.iter().position(|op| graph.result(op).value == early);
-    let (is_late, before) = match maker.map(|at| &graph.ops[at..]) {
-        Some([Op { kind: OpKind::Linear { residual, .. }, .. }, next, ..]) => {
-            (matches!(next.kind, OpKind::KernelInputs { .. }), residual.map(|before| before.value))
-        }
-        _ => (false, None),
+    let Some(early) = graph.kept_for_kernels().filter(|_| !is_made_late(graph)) else { return Vec::new() };
+    let maker = graph.ops.iter().find(|op| graph.result(op).value == early);
+    let before = match maker.map(|op| &op.kind) {
+        Some(OpKind::Linear { residual, .. }) => residual.map(|before| before.value),
+        _ => None,
     };
-    if is_late { Vec::new() } else { [early].into_iter().chain(before).collect() }
+    [early].into_iter().chain(before).collect()
+}
+
+/// The first operation of the head, where all of it is to run band by band: where nothing is kept for it.
+fn head_in_bands(graph: &Graph) -> Option<usize> {
+    let tokens = graph.ops.iter().find_map(|op| match &op.kind {
+        OpKind::KernelInputs { tokens, .. } => Some(tokens.value),
+        _ => None,
+    })?;
+    let last = graph.ops.iter().rposition(|op| graph.result(op).value == tokens)?;
+    is_made_late(graph).then_some(last + 1)
+}
+
+/// Whether what is made of maps at full size for predicted kernels is made right before it is read
+/// ([`Graph::rematerialized`]).
+fn is_made_late(graph: &Graph) -> bool {
+    let Some(early) = graph.kept_for_kernels() else { return false };
+    graph.ops.windows(2).any(|ops| {
+        graph.result(&ops[0]).value == early && matches!(ops[1].kind, OpKind::KernelInputs { .. })
+    })
 }
 
 fn stride_of(graph: &Graph, value: ValueId) -> Option<u32> {
