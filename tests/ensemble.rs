@@ -10,6 +10,7 @@ use common::image::RendererImage;
 use common::random::Random;
 use common::vulkan::Renderer;
 use std::ops::ControlFlow;
+use vkdenoise::kernels::Call;
 use vkdenoise::net::{Arch, Head, Weights};
 use vkdenoise::reference::Reference;
 use vkdenoise::testing::{Bench, cut_into_tiles};
@@ -184,21 +185,28 @@ fn it_is_the_mean_of_two_runs() {
     assert_no_validation_messages();
 }
 
+/// In one piece, and in three bands to the picture.
 #[test]
 fn a_frame_of_colour_alone() {
-    let picture = Picture::new(2);
-    let rgb = Layout::interleaved(EXTENT, 3);
-    let run = |denoiser: &mut Denoiser, color: &[f32]| {
-        let frame = Frame { extent: EXTENT, color: Plane::f32(color, rgb), features: Features::default() };
-        let mut output = vec![UNTOUCHED; 3 * PIXELS];
-        denoiser.denoise(&frame, PlaneMut::f32(&mut output, rgb)).unwrap();
-        output
-    };
-    let mut alone = denoiser(&Options::default());
-    let turned = turn(&run(&mut alone, &turn(&picture.color, 3)), 3);
-    let expected: Vec<f32> =
-        run(&mut alone, &picture.color).iter().zip(turned).map(|(a, b)| 0.5 * a + 0.5 * b).collect();
-    assert_same_bits(&run(&mut denoiser(&ensemble()), &picture.color), &expected, "colour alone");
+    for (extent, max_chain_bytes) in [(EXTENT, None), (Extent::new(70, 300), Some(1 << 14))] {
+        let color = Random::new(2).values(3 * extent.pixels() as usize, 0.0, 2.0);
+        let rgb = Layout::interleaved(extent, 3);
+        let run = |denoiser: &mut Denoiser, color: &[f32]| {
+            let frame = Frame { extent, color: Plane::f32(color, rgb), features: Features::default() };
+            let mut output = vec![UNTOUCHED; color.len()];
+            denoiser.denoise(&frame, PlaneMut::f32(&mut output, rgb)).unwrap();
+            output
+        };
+        let options = Options { max_chain_bytes, ..Options::default() };
+        let mut alone = denoiser(&options);
+        let turned = turn(&run(&mut alone, &turn(&color, 3)), 3);
+        let expected: Vec<f32> = run(&mut alone, &color).iter().zip(turned).map(|(a, b)| 0.5 * a + 0.5 * b).collect();
+        let mut averaging = denoiser(&Options { self_ensemble: true, ..options });
+        assert_same_bits(&run(&mut averaging, &color), &expected, &format!("{extent:?}"));
+        let pass = averaging.pass(extent).unwrap();
+        let outputs = pass.plan().dispatches.iter().filter(|dispatch| matches!(dispatch.call, Call::Output(_)));
+        assert_eq!(outputs.count(), if max_chain_bytes.is_some() { 6 } else { 2 });
+    }
 }
 
 #[test]

@@ -215,11 +215,8 @@ impl Twin for Output {
         let most = f64::from(f32::MAX);
         let (blend, end) = (frame.blend, if frame.output_half { LARGEST_HALF } else { most });
         let (width, height) = (self.width as usize, self.height as usize);
-        let mut out = match self.ensemble {
-            Some(_) => Vec::new(),
-            None => reference.output.clone(),
-        };
-        out.resize(3 * width * height, f64::NAN);
+        // What is not written is no number.
+        let mut out = vec![f64::NAN; 3 * width * height];
         for (x, y) in tiles::tokens(&reference.tiles(&self.tiles, self.width, self.height), width, height) {
             if !self.region.contains(x as u32, y as u32) {
                 continue;
@@ -246,12 +243,16 @@ impl Twin for Output {
                 };
             }
         }
+        let write = |to: &mut [f64], out: &[f64]| {
+            to.iter_mut().zip(out).filter(|(_, out)| !out.is_nan()).for_each(|(to, out)| *to = *out);
+        };
         match self.ensemble {
-            Some((Member::Turned, result)) => return reference.set_buffer(result, &out),
+            Some((Member::Turned, result)) => return write(reference.buffer_mut(result), &out),
             Some((Member::Upright, result)) => average(&mut out, reference.buffer(result), 3),
             None => {}
         }
-        reference.output = out;
+        reference.output.resize(out.len(), f64::NAN);
+        write(&mut reference.output, &out);
     }
 }
 
