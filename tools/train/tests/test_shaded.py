@@ -10,11 +10,11 @@ from vkdn.preprocess import MIDDLE_GREY
 SIDE = 32
 
 
-def features(count):
+def features(count, side=SIDE):
     """Albedo that differs from crop to crop, normals towards the camera, some depth."""
-    albedo = torch.linspace(0.2, 0.9, count).view(-1, 1, 1, 1).expand(-1, 3, SIDE, SIDE)
-    normal = torch.tensor([0.0, 0, 1]).view(1, 3, 1, 1).expand(count, 3, SIDE, SIDE)
-    return torch.cat([albedo, normal, torch.ones(count, 1, SIDE, SIDE)], 1)
+    albedo = torch.linspace(0.2, 0.9, count).view(-1, 1, 1, 1).expand(-1, 3, side, side)
+    normal = torch.tensor([0.0, 0, 1]).view(1, 3, 1, 1).expand(count, 3, side, side)
+    return torch.cat([albedo, normal, torch.ones(count, 1, side, side)], 1)
 
 
 class ShadedTest(unittest.TestCase):
@@ -22,13 +22,13 @@ class ShadedTest(unittest.TestCase):
         torch.manual_seed(1)
 
     def test_radiance_has_the_usual_key_and_follows_the_albedo(self):
-        given = features(64)
-        given[:, :3, :, : SIDE // 2] *= 0.25
+        given = features(64, 128)
+        given[:, :3, :, :64] *= 0.25
         radiance, told = shaded.shade(given, torch.ones(64, dtype=torch.bool))
         key = radiance.mean(1).log().mean((1, 2)).exp()
         torch.testing.assert_close(key, torch.full_like(key, MIDDLE_GREY), rtol=1e-3, atol=0)
         self.assertTrue((told[:, :3] <= given[:, :3]).all() and (told[:, 3:] == given[:, 3:]).all())
-        # What the albedo does not tell is smooth: shadows, of more than ten pixels from edge to edge.
+        # What the albedo does not tell is smooth: shadows, of four pixels or more from edge to edge.
         light = (radiance / told[:, :3].clamp_min(shaded.DARKEST_ALBEDO)).mean(1)
         step = (light[:, :, 1:] - light[:, :, :-1]).abs() / light.amax((1, 2), keepdim=True)
         self.assertLess((step > 0.1).float().mean().item(), 0.15)
@@ -48,7 +48,9 @@ class ShadedTest(unittest.TestCase):
         self.assertAlmostEqual(still.float().mean().item(), 0.5, delta=0.1)
         self.assertAlmostEqual(noisy.mean().item(), 2, delta=0.01)
         deviation = (noisy[~still] / 2).flatten(1).std(1)
-        self.assertLess(deviation.max().item(), 1.5)
+        # Log-normal: of a deviation of 1.5 in the logarithm it is 2.9.
+        self.assertLess(deviation.max().item(), 2.9)
+        self.assertGreater(deviation.max().item(), 1)
         self.assertLess(deviation.min().item(), 0.02)
 
     def test_batches_have_their_share_and_count_them_as_clean(self):

@@ -43,7 +43,7 @@ class Changes:
     real: float = 0.35  # share of rendered crops of real scenes where there are procedural ones
     clean: float = 0.0  # chance to be given the reference, or a mixture of render and reference with little noise
     clean_bare: float = 0.5  # chance of all features to be missing there
-    shaded: float = 0.12  # chance of radiance computed from the features, without noise or with a known one (shaded.py)
+    shaded: float = 0.2  # chance of radiance computed from the features, without noise or with a known one (shaded.py)
     clean_below: float = 0.03  # what the render of most samples may be off by there (log rms): references are noisy too
 
 

@@ -16,9 +16,9 @@ LIGHTS = 3  # the first from everywhere alike
 DARKEST_ALBEDO = 0.02
 STRONGEST_GRAIN = 0.8
 # Of all noisy ones, in powers of 2 of the relative deviation.
-MOST_NOISE, LEAST_NOISE = -1.0, -6.0
-# How much of a sample's deviation its three channels share.
-SHARED = 0.9
+MOST_NOISE, LEAST_NOISE = 0.0, -6.0
+# Waves of a shadow over a crop, in powers of 2.
+FEWEST_WAVES, MOST_WAVES = 0.0, 4.0
 
 
 def uniform(like, *shape):
@@ -37,16 +37,21 @@ def grain(features, grained):
     return 1 - strength * texture * grained[:, None, None, None]
 
 
-def stripes(features):
-    """Shadows [N, 1, H, W] in [0, 1]: soft or sharp edges across the crop, of which no feature tells."""
+def shadows(features):
+    """[N, 1, H, W] in [0, 1]: stripes and, in half of the crops, checkers, with soft or sharp edges, of which no
+    feature tells."""
     n, _, height, width = features.shape
-    wave = 2 * math.pi * (1 + 5 * uniform(features, n, 1, 1, 1)) / max(height, width)
-    turn = 2 * math.pi * uniform(features, n, 1, 1, 1)
+    number = lambda: uniform(features, n, 1, 1, 1)
+    wave = 2 * math.pi * torch.exp2(FEWEST_WAVES + (MOST_WAVES - FEWEST_WAVES) * number()) / max(height, width)
+    turn = 2 * math.pi * number()
     y, x = (torch.arange(size, device=features.device, dtype=torch.float32) for size in (height, width))
-    along = turn.cos() * x[None, None, None] + turn.sin() * y[None, None, :, None]
-    sharpness = torch.exp2(6 * uniform(features, n, 1, 1, 1) - 1)
-    phase = 2 * math.pi * uniform(features, n, 1, 1, 1)
-    return torch.sigmoid(sharpness * (torch.sin(wave * along + phase) + 0.5))
+    y, x = y[None, None, :, None], x[None, None, None]
+    sine = lambda across, down: torch.sin(wave * (across * x + down * y) + 2 * math.pi * number())
+    stripes = sine(turn.cos(), turn.sin())
+    checkers = stripes * sine(-turn.sin(), turn.cos())
+    sharpness = torch.exp2(6 * number() - 1)
+    striped = (number() < 0.5).float()
+    return torch.sigmoid(sharpness * (striped * (stripes + 0.5) + (1 - striped) * checkers))
 
 
 def shade(features, grained):
@@ -62,7 +67,7 @@ def shade(features, grained):
             light = light + 0.3 * color
         else:
             toward = F.normalize(torch.randn(n, 3, 1, 1, device=features.device), dim=1, eps=1e-3)
-            light = light + color * (normal * toward).sum(1, keepdim=True).clamp_min(0) * stripes(features)
+            light = light + color * (normal * toward).sum(1, keepdim=True).clamp_min(0) * shadows(features)
     radiance = albedo.clamp_min(DARKEST_ALBEDO) * light
     key = radiance.mean(1, keepdim=True).clamp_min(1e-6).log().mean((1, 2, 3), keepdim=True).exp()
     return radiance * (MIDDLE_GREY / key), torch.cat([albedo, features[:, 3:]], 1)
@@ -70,12 +75,14 @@ def shade(features, grained):
 
 def noisy(radiance):
     """[N, 3, H, W] with samples that deviate by a factor of mean 1, log-normal, alike all over a crop or less in its
-    light: half of the crops, the others as they are."""
+    light, grey, of all colours or in between: half of the crops, the others as they are."""
     n, _, height, width = radiance.shape
     some = (uniform(radiance, n, 1, 1, 1) < 0.5).float()
-    size = torch.exp2(MOST_NOISE + (LEAST_NOISE - MOST_NOISE) * uniform(radiance, n, 1, 1, 1)) * some
-    size = size * torch.lerp(torch.ones_like(size), 1.5 * stripes(radiance), uniform(radiance, n, 1, 1, 1))
+    # More of strong noise than of weak.
+    size = torch.exp2(MOST_NOISE + (LEAST_NOISE - MOST_NOISE) * uniform(radiance, n, 1, 1, 1).square()) * some
+    size = size * torch.lerp(torch.ones_like(size), 1.5 * shadows(radiance), uniform(radiance, n, 1, 1, 1))
     common = torch.randn(n, 1, height, width, device=radiance.device)
     own = torch.randn(n, 3, height, width, device=radiance.device)
-    deviation = size * (SHARED * common + math.sqrt(1 - SHARED**2) * own)
+    grey = uniform(radiance, n, 1, 1, 1)
+    deviation = size * (grey.sqrt() * common + (1 - grey).sqrt() * own)
     return radiance * torch.exp(deviation - size.square() / 2)
