@@ -146,7 +146,8 @@ fn kernels_alone_keep_a_constant_and_black() {
 
 #[test]
 fn regions_have_the_bits_of_the_whole() {
-    let extent = Extent::new(300, 211);
+    // High enough for bands of the whole head.
+    let extent = Extent::new(170, 517);
     // In bands, what a region needs of the kernels' inputs is made again in each of them.
     let banded = Options { max_chain_bytes: Some(1 << 20), ..Options::default() };
     let cases =

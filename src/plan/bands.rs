@@ -39,11 +39,14 @@ impl Lowering<'_> {
     /// Lowers the step at `at`, or the chain that begins there where it pays. Returns how many steps that were.
     pub(super) fn chain(&mut self, at: usize) -> usize {
         let steps = self.steps;
-        let chain = Chain::new(self.graph, steps.steps[at].ops.start, self.options);
-        let pixels = u64::from(self.padded.width) * u64::from(self.padded.height);
-        let widest = chain.widest * pixels / 256;
-        let bands =
-            widest.div_ceil(self.options.max_chain_bytes.max(1)).min(u64::from(self.padded.height / chain.grain));
+        let first = steps.steps[at].ops.start;
+        let mut chain = Chain::new(self.graph, first, self.options, head_in_bands(self.graph));
+        let mut bands = self.bands(&chain);
+        // The head reaches far: bands that are nearly the frame save nothing.
+        if chain.makes_picture && self.rows(&chain, bands) + 2 * chain.halo >= self.padded.height {
+            chain = Chain::new(self.graph, first, self.options, None);
+            bands = self.bands(&chain);
+        }
         // Lists of active tiles are those of whole maps.
         if bands < 2 || self.options.converged.is_some() {
             self.step(&steps.steps[at]);
@@ -51,12 +54,24 @@ impl Lowering<'_> {
         }
         let count = steps.steps[at..].iter().take_while(|step| step.ops.start < chain.at + chain.ops).count();
         let chained = &steps.steps[at..at + count];
-        let rows = (self.padded.height / chain.grain).div_ceil(bands as u32) * chain.grain;
+        let rows = self.rows(&chain, bands);
         for (number, first) in (0..self.padded.height).step_by(rows as usize).enumerate() {
             let end = (first + rows).min(self.padded.height);
             self.lower_band(&chain, chained, number as u32, (first, end));
         }
         count
+    }
+
+    /// Into how many bands a chain is cut; fewer than 2: it is not.
+    fn bands(&self, chain: &Chain) -> u32 {
+        let widest = chain.widest * self.padded.pixels() / 256;
+        let bands = widest.div_ceil(self.options.max_chain_bytes.max(1));
+        bands.min(u64::from(self.padded.height / chain.grain)) as u32
+    }
+
+    /// The pixel rows of a band.
+    fn rows(&self, chain: &Chain, bands: u32) -> u32 {
+        (self.padded.height / chain.grain).div_ceil(bands.max(1)) * chain.grain
     }
 
     /// Lowers a step for the whole frame.
@@ -123,12 +138,13 @@ struct Chain {
 }
 
 impl Chain {
-    /// The longest chain that begins at `at`; a single operation if there is no longer one.
-    fn new(graph: &Graph, at: usize, target: &Target) -> Self {
+    /// The longest chain that begins at `at`; a single operation if there is no longer one. `head`: the first operation
+    /// of a head that may be one chain to the picture.
+    fn new(graph: &Graph, at: usize, target: &Target, head: Option<usize>) -> Self {
         let mut best = Self { at, ops: 1, locals: Vec::new(), widest: 0, halo: 0, grain: TILE, makes_picture: false };
         let mut made: Vec<ValueId> = Vec::new();
         let kept = kept_for_kernels(graph);
-        let head = head_in_bands(graph).filter(|_| !target.signals);
+        let head = head.filter(|_| !target.signals);
         let (mut reach, mut grain) = (0, TILE);
         for (i, op) in graph.ops.iter().enumerate().skip(at) {
             let Some(step) = reach_of(graph, op) else { break };

@@ -95,7 +95,7 @@ enum vkdenoise_quality
   VKDENOISE_QUALITY_BALANCED = 0,
   // The same in half precision; what has converged is left as it is.
   VKDENOISE_QUALITY_FAST = 1,
-  // The network over the frame and over the frame turned by half a circle, averaged: twice the time for 0.1 to 0.15
+  // The network over the frame and over the frame turned by half a circle, averaged: twice the time for 0.05 to 0.15
   // dB. Not with keep_aux; a frame in tiles is denoised once.
   VKDENOISE_QUALITY_HIGH = 2,
 };

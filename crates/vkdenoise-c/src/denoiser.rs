@@ -61,7 +61,7 @@ pub enum Quality {
     Balanced = 0,
     /// The same in half precision; what has converged is left as it is.
     Fast = 1,
-    /// The network over the frame and over the frame turned by half a circle, averaged: twice the time for 0.1 to 0.15
+    /// The network over the frame and over the frame turned by half a circle, averaged: twice the time for 0.05 to 0.15
     /// dB. Not with keep_aux; a frame in tiles is denoised once.
     High = 2,
 }
