@@ -73,8 +73,8 @@ impl Format {
     }
 }
 
-/// A row of the table: a plane of the caller's, by default none. Strides and offset count samples; of images, which have
-/// no address, pixel (x, y) is the texel (offset + x pixel, channel + y row). All of that is modulo 2^32.
+/// A row of the table: a plane of the caller's, by default none. Strides and offset count samples; of images, which
+/// have no address, pixel (x, y) is the texel (offset + x pixel, channel + y row). All of that is modulo 2^32.
 #[repr(C)]
 #[derive(Clone, Copy, Debug, Default, PartialEq, bytemuck::Pod, bytemuck::Zeroable)]
 pub struct PlaneArgs {

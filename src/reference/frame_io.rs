@@ -97,8 +97,9 @@ impl FrameData {
     /// Turns the frame by half a circle, its signal with it.
     pub fn turn(&mut self) {
         let Self { color, albedo, normal, depth, noise, .. } = self;
-        let planes = [(Some(color), 3), (albedo.as_mut(), 3), (normal.as_mut(), 3), (depth.as_mut(), 1), (noise.as_mut(), 1)];
-        planes.into_iter().for_each(|(plane, channels)| plane.into_iter().for_each(|plane| turn(plane, channels)));
+        turn(color, 3);
+        [albedo, normal].into_iter().flatten().for_each(|plane| turn(plane, 3));
+        [depth, noise].into_iter().flatten().for_each(|plane| turn(plane, 1));
         self.signal.iter_mut().for_each(|signal| turn(&mut signal.samples, signal.channels));
     }
 
