@@ -329,21 +329,23 @@ fn signals_are_averaged() {
     assert_no_validation_messages();
 }
 
-/// All signals share the pass's memory: so much of a pixel, however many they are.
+/// All signals share the pass's memory: so much of a pixel, however many they are. Beside them a large frame's head does
+/// not run in bands to the picture, as it does in halves without them.
 #[test]
 fn memory_is_that_of_one_signal() {
     let weights = Weights::hybrid_kernels().unwrap();
+    // Bytes of a pixel of a frame whose head does not, in bands or not, with 130 for signals.
     let kinds = [
-        (Extent::new(1024, 1024), Target::default()),
-        (Extent::new(3840, 2160), Target::default()),
-        (Extent::new(3840, 2160), Target::for_gpu(Storage::F16, Arithmetic::Floats)),
-        (Extent::new(3840, 2160), Target::for_gpu(Storage::F16, Arithmetic::Matrices)),
+        (Extent::new(1024, 1024), Target::default(), 609.0 + 130.0),
+        (Extent::new(3840, 2160), Target::default(), 414.0 + 130.0),
+        (Extent::new(3840, 2160), Target::for_gpu(Storage::F16, Arithmetic::Floats), 137.0 + 130.0),
+        (Extent::new(3840, 2160), Target::for_gpu(Storage::F16, Arithmetic::Matrices), 161.0 + 130.0),
     ];
-    for (extent, target) in kinds {
+    for (extent, target, most) in kinds {
         let of = |signals| plan_of(&weights, extent, &Target { signals, ..target });
         let (with, without) = (of(true), of(false));
         let per_pixel = |bytes: u64| bytes as f64 / extent.pixels() as f64;
-        let more = per_pixel(with.bytes() - without.bytes());
+        let (all, more) = (per_pixel(with.bytes()), per_pixel(with.bytes() - without.bytes()));
         let own: u64 = with.buffers.iter().filter(|buffer| buffer.name.starts_with("signal.")).map(|b| b.bytes).sum();
         println!(
             "{extent:?}, {:?}, {:?}: {more:.0} bytes a pixel more in all, of {:.0}; maps of a signal: {:.0}",
@@ -352,7 +354,7 @@ fn memory_is_that_of_one_signal() {
             per_pixel(without.bytes()),
             per_pixel(own)
         );
-        assert!(more <= 130.0, "{more:.0} bytes a pixel");
+        assert!(all <= most, "{all:.0} bytes a pixel");
         assert!(without.dispatches.iter().all(|dispatch| !dispatch.of_signals));
         assert!(with.dispatches.iter().any(|dispatch| dispatch.of_signals));
     }
