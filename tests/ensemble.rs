@@ -83,10 +83,12 @@ impl Picture {
 
     fn frame(&self) -> Frame<'_> {
         let (rgb, one) = (Layout::interleaved(EXTENT, 3), Layout::interleaved(EXTENT, 1));
-        let mut features = Features::default();
-        features.albedo = Some(Plane::f32(&self.albedo, rgb));
-        features.normal = Some(Plane::f32(&self.normal, rgb));
-        features.depth = Some(Plane::f32(&self.depth, one));
+        let features = Features {
+            albedo: Some(Plane::f32(&self.albedo, rgb)),
+            normal: Some(Plane::f32(&self.normal, rgb)),
+            depth: Some(Plane::f32(&self.depth, one)),
+            noise: None,
+        };
         Frame { extent: EXTENT, color: Plane::f32(&self.color, rgb), features }
     }
 }
