@@ -116,7 +116,7 @@ impl Denoiser {
     }
 
     /// Makes the pass of a frame size, or finds the tiles that it is to be cut into.
-    fn prepare(&mut self, extent: Extent) -> Result<Option<Tiling>> {
+    pub(crate) fn prepare(&mut self, extent: Extent) -> Result<Option<Tiling>> {
         self.options.region.map_or(Ok(()), |region| region.check(extent))?;
         if self.host.as_ref().is_some_and(|pass| pass.extent() == extent) {
             return Ok(None);

@@ -69,7 +69,7 @@ impl PartRunner {
         let binding = unsafe { pass.bind(None, engine.target.kernels, &Planes::default(), &[]) }?;
         let profiler = if device.has_timestamps() { Some(pass.profiler(1)?) } else { None };
         let mut runner = Self { submission: Submission::new(device)?, profiler, binding, pass };
-        runner.fill()?;
+        overwrite_memory(&runner.pass, &mut runner.submission, ANY_VALUE.to_bits())?;
         runner.record()?;
         Ok(runner)
     }
@@ -94,24 +94,6 @@ impl PartRunner {
         Ok(TimedRun { milliseconds, records })
     }
 
-    fn fill(&mut self) -> Result<()> {
-        let Self { submission, pass, .. } = self;
-        submission.record(|commands| {
-            let transfer = (vk::PipelineStageFlags::TRANSFER, vk::AccessFlags::TRANSFER_WRITE);
-            let shaders = vk::AccessFlags::SHADER_READ | vk::AccessFlags::SHADER_WRITE;
-            for ((buffer, offset), bytes) in pass.memory() {
-                // SAFETY: the memory is the pass's own, and `run` waits.
-                unsafe {
-                    let raw = pass.device().raw();
-                    raw.cmd_fill_buffer(commands, buffer, offset, bytes, ANY_VALUE.to_bits());
-                    barrier(pass.device(), commands, transfer, (vk::PipelineStageFlags::COMPUTE_SHADER, shaders));
-                }
-            }
-            Ok(())
-        })?;
-        submission.run().map(|_| ())
-    }
-
     fn record(&mut self) -> Result<()> {
         let Self { submission, profiler, binding, pass } = self;
         let profiled = profiler.as_ref().map(|profiler| (profiler, 0));
@@ -120,4 +102,21 @@ impl PartRunner {
             unsafe { pass.record_with(commands, binding, &FrameOptions::default(), profiled) }
         })
     }
+}
+
+/// Writes this word all over the memory of a pass, what outlives its recordings included, and waits.
+pub(crate) fn overwrite_memory(pass: &Pass, submission: &mut Submission, word: u32) -> Result<()> {
+    submission.record(|commands| {
+        let transfer = (vk::PipelineStageFlags::TRANSFER, vk::AccessFlags::TRANSFER_WRITE);
+        let shaders = vk::AccessFlags::SHADER_READ | vk::AccessFlags::SHADER_WRITE;
+        for ((buffer, offset), bytes) in pass.memory() {
+            // SAFETY: the memory is the pass's own, and `run` waits.
+            unsafe {
+                pass.device().raw().cmd_fill_buffer(commands, buffer, offset, bytes, word);
+                barrier(pass.device(), commands, transfer, (vk::PipelineStageFlags::COMPUTE_SHADER, shaders));
+            }
+        }
+        Ok(())
+    })?;
+    submission.run().map(|_| ())
 }

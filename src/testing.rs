@@ -8,6 +8,7 @@ use crate::frame::{Extent, Frame, Layout, PlaneMut};
 use crate::kernels::contract::Need;
 use crate::kernels::planes::{Format, PlaneArgs, Planes};
 use crate::kernels::{Addresses, BufferId, Call, FrameArgs, KernelTarget, TexelRange};
+use crate::microbench;
 use crate::net::op::Stage;
 use crate::net::weights::Weights;
 use crate::options::Options;
@@ -205,6 +206,17 @@ pub fn cut_into_tiles(denoiser: &mut Denoiser, extent: Extent, tile: [u32; 2], m
     let tiling = tiled::tiling_of(&denoiser.engine, extent, tile, margin)?;
     (denoiser.host, denoiser.tiling) = (None, Some((extent, tiling)));
     Ok(())
+}
+
+/// Overwrites the memory that the host path's frames of a size are computed in with [`SENTINEL`], which is a NaN: what
+/// another frame would leave there, only worse. What is kept of features goes too.
+///
+/// # Errors
+/// As [`Denoiser::denoise`]; [`Error::Binding`] for a size that is cut into tiles.
+pub fn overwrite_memory(denoiser: &mut Denoiser, extent: Extent) -> Result<()> {
+    denoiser.prepare(extent)?;
+    let pass = denoiser.last_pass().ok_or_else(|| Error::Binding("the frame is cut into tiles".into()))?;
+    microbench::overwrite_memory(pass, &mut Submission::new(denoiser.device())?, SENTINEL)
 }
 
 /// Denoises a frame on the host path and reads what `pick` names of the plan afterwards, with the plan. Only what lives

@@ -12,7 +12,7 @@ use common::random::Random;
 use vkdenoise::kernels::Call;
 use vkdenoise::net::{Arch, Head, Weights};
 use vkdenoise::reference::Reference;
-use vkdenoise::testing::{Bench, denoise_and_read};
+use vkdenoise::testing::{Bench, denoise_and_read, overwrite_memory};
 use vkdenoise::{
     Converged, ConvergedMode, Denoiser, Extent, Features, Frame, Layout, Noise, NoiseKind, Options, Plane, PlaneMut,
     Precision, Region,
@@ -24,6 +24,13 @@ const HALF_LIMIT: f64 = 1e-5;
 
 fn heads() -> [(&'static str, Head); 2] {
     [("pure", Head::pure()), ("gated", Head::gated())]
+}
+
+/// High enough for bands of the whole head.
+const BANDED: Extent = Extent::new(120, 517);
+
+fn in_bands_of(max_chain_bytes: u64) -> Options {
+    Options { max_chain_bytes: Some(max_chain_bytes), ..Options::default() }
 }
 
 /// Random weights of the Hybrid with a head, one block in each place.
@@ -146,25 +153,22 @@ fn kernels_alone_keep_a_constant_and_black() {
 
 #[test]
 fn regions_have_the_bits_of_the_whole() {
-    // High enough for bands of the whole head.
-    let extent = Extent::new(170, 517);
     // In bands, what a region needs of the kernels' inputs is made again in each of them.
-    let banded = Options { max_chain_bytes: Some(1 << 20), ..Options::default() };
+    let (extent, banded) = (BANDED, in_bands_of(1 << 19));
     let cases =
         heads().into_iter().flat_map(|(name, head)| [(name, head.clone(), Options::default()), (name, head, banded)]);
     for (name, head, options) in cases {
         let weights = weights(&head);
         let mut denoiser = Denoiser::new(device(), &weights, &options).unwrap();
-        let (frame, other) = (TestFrame::random(extent, 1), TestFrame::random(extent, 2));
+        let frame = TestFrame::random(extent, 1);
         let whole = denoise(&mut denoiser, &frame.frame());
         let mut random = Random::new(5);
-        for _ in 0..10 {
+        for _ in 0..6 {
             let (width, height) = (random.integer(1, 90), random.integer(1, 90));
             let (x, y) = (random.integer(0, extent.width - width), random.integer(0, extent.height - height));
             let region = Region { x, y, width, height };
             // What the arena still holds of the whole must not stand in for what the region fails to compute.
-            denoiser.set_region(None);
-            denoise(&mut denoiser, &other.frame());
+            overwrite_memory(&mut denoiser, extent).unwrap();
             denoiser.set_region(Some(region));
             for (i, (part, whole)) in denoise(&mut denoiser, &frame.frame()).iter().zip(&whole).enumerate() {
                 let (x, y) = (i as u32 / 3 % extent.width, i as u32 / 3 / extent.width);
@@ -179,17 +183,16 @@ fn regions_have_the_bits_of_the_whole() {
 /// In bands, with and without features, and with features kept from the frame before.
 #[test]
 fn bands_and_features_make_no_difference() {
-    let extent = Extent::new(300, 517);
+    let extent = BANDED;
     let frame = TestFrame::random(extent, 7);
     let bare = TestFrame { albedo: None, normal: None, depth: None, ..frame.clone() };
     for (name, head) in heads() {
         let weights = weights(&head);
-        let whole = Options { max_chain_bytes: Some(u64::MAX), ..Options::default() };
+        let whole = in_bands_of(u64::MAX);
         for frame in [&frame, &bare] {
             let expected = denoised(&weights, &whole, &frame.frame());
-            for bytes in [1 << 20, 1 << 22] {
-                let options = Options { max_chain_bytes: Some(bytes), ..Options::default() };
-                let found = denoised(&weights, &options, &frame.frame());
+            for bytes in [1 << 19, 1 << 21] {
+                let found = denoised(&weights, &in_bands_of(bytes), &frame.frame());
                 assert_same_bits(&found, &expected, &format!("{name} in bands of {bytes}"));
             }
         }
@@ -225,14 +228,13 @@ fn converged_tiles_are_left_out() {
     let noise = Noise { plane: Plane::f32(&samples, one), kind: NoiseKind::Samples };
     let features = Features { albedo: Some(Plane::f32(&albedo, rgb)), noise: Some(noise), ..Features::default() };
     let frame = Frame { extent, color: Plane::f32(&color, rgb), features };
-    let other = TestFrame::random(extent, 2);
     for (name, head) in heads() {
         let weights = weights(&head);
         let whole = denoised(&weights, &Options::default(), &frame);
         for mode in [ConvergedMode::Exact, ConvergedMode::default()] {
             let converged = Some(Converged { threshold: 0.02, mode });
             let mut denoiser = Denoiser::new(device(), &weights, &Options { converged, ..Options::default() }).unwrap();
-            denoise(&mut denoiser, &other.frame());
+            overwrite_memory(&mut denoiser, extent).unwrap();
             let found = denoise(&mut denoiser, &frame);
             for (i, found) in found.iter().enumerate() {
                 assert!(found.is_finite() && *found >= 0.0, "{name}, {mode:?}: {found}");
@@ -240,7 +242,7 @@ fn converged_tiles_are_left_out() {
                     assert_eq!(found.to_bits(), whole[i].to_bits(), "{name}: sample {i}");
                 }
             }
-            denoise(&mut denoiser, &other.frame());
+            denoise(&mut denoiser, &TestFrame::random(extent, 2).frame());
             assert_same_bits(&denoise(&mut denoiser, &frame), &found, "after another frame");
         }
     }

@@ -183,7 +183,7 @@ fn every_kernel_on_random_input() {
 fn every_size_is_the_reference() {
     let weights = Weights::hybrid_kernels().unwrap();
     let mut denoiser = Denoiser::new(device(), &weights, &Options::default()).unwrap();
-    let sizes = [(1, 1), (1, 7), (127, 65), (128, 128), (129, 257)].map(|(w, h)| Extent::new(w, h));
+    let sizes = [(1, 1), (1, 7), (127, 65), (128, 128), (129, 70)].map(|(w, h)| Extent::new(w, h));
     let mut first = Vec::new();
     for extent in sizes {
         let frame = TestFrame::random(extent, 9);
