@@ -6,6 +6,7 @@ use super::ParseError;
 use super::graph::Graph;
 use super::op::{Activation, ConvWeight, LinearWeight, Op, OpKind, Shape, Shuffle, Slice};
 use super::weights::{Weights, WeightsError};
+use crate::parallel;
 use std::borrow::Cow;
 use std::str::FromStr;
 
@@ -263,24 +264,34 @@ impl ConvWeight {
     }
 }
 
+/// Rows of a Linear that are multiplied together, so that a convolution's row is loaded once for all of them.
+const ROWS: usize = 4;
+
 /// Rows `4 c + phase` of a convolution, each `row` long, mixed by a matrix of `columns` columns, of which the first
 /// count.
 fn mixed(conv: &[f32], row: usize, linear: &[f32], columns: usize) -> Vec<f32> {
     let channels = conv.len() / row / 4;
-    let mut out = Vec::with_capacity(conv.len());
-    let mut sums = vec![0.0f64; row];
-    for factors in linear.chunks_exact(columns) {
+    let groups: Vec<_> = linear.chunks(ROWS * columns).collect();
+    let mix = |group: &&[f32]| {
+        let mut out = vec![0.0; group.len() / columns * 4 * row];
         for phase in 0..4 {
-            sums.fill(0.0);
-            for (c, &factor) in factors[..channels].iter().enumerate() {
-                for (sum, &weight) in sums.iter_mut().zip(&conv[(4 * c + phase) * row..][..row]) {
-                    *sum += f64::from(factor) * f64::from(weight);
+            let mut sums = vec![[0.0f64; ROWS]; row];
+            for c in 0..channels {
+                let factors: [f64; ROWS] =
+                    std::array::from_fn(|i| group.get(i * columns + c).map_or(0.0, |&factor| factor.into()));
+                for (sums, &weight) in sums.iter_mut().zip(&conv[(4 * c + phase) * row..][..row]) {
+                    let weight = f64::from(weight);
+                    sums.iter_mut().zip(factors).for_each(|(sum, factor)| *sum += factor * weight);
                 }
             }
-            out.extend(sums.iter().map(|&sum| sum as f32));
+            for (i, out) in out.chunks_exact_mut(4 * row).enumerate() {
+                let own = &mut out[phase * row..][..row];
+                own.iter_mut().zip(&sums).for_each(|(out, sums)| *out = sums[i] as f32);
+            }
         }
-    }
-    out
+        out
+    };
+    parallel::map(&groups, mix).concat()
 }
 
 #[cfg(test)]
