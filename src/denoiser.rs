@@ -10,6 +10,7 @@ use crate::memory::MemoryRequired;
 use crate::net::weights::Weights;
 use crate::options::{Exposure, FrameOptions, Options, Precision};
 use crate::pass::Pass;
+use crate::pipelines;
 use crate::plan::active::ActiveTiles;
 use crate::profile::KernelRecord;
 use crate::target::Target;
@@ -126,13 +127,14 @@ impl Denoiser {
         self.host.as_ref().and_then(HostPass::active)
     }
 
-    /// What the driver's compiler says of the kernels made so far: registers, spills, shared memory. Empty unless the
-    /// device was opened with [`crate::DeviceOptions::pipeline_statistics`] and has them.
+    /// What the driver's compiler says of the kernels made for the device so far, by this and other denoisers:
+    /// registers, spills, shared memory. Empty unless the device was opened with
+    /// [`crate::DeviceOptions::pipeline_statistics`] and has them.
     ///
     /// # Errors
     /// [`Error::Vulkan`].
     pub fn pipeline_statistics(&self) -> Result<Vec<PipelineStatistic>> {
-        self.engine.pipelines.statistics()
+        pipelines::statistics(self.device())
     }
 
     /// The precision in use, never [`Precision::Auto`].

@@ -11,7 +11,6 @@ use crate::vk::Checked;
 use crate::vk::device::Device;
 use crate::vk::pipeline::{Pipeline, descriptor_type};
 use ash::vk;
-use std::sync::Arc;
 
 /// Where a range of texels lies: buffer, first byte, bytes.
 pub(crate) type Location = (vk::Buffer, u64, u64);
@@ -41,7 +40,7 @@ impl DescriptorSets {
     pub unsafe fn new(
         device: &Device,
         dispatches: &[Dispatch],
-        pipelines: &[Arc<Pipeline>],
+        pipelines: &[Pipeline],
         resources: &Resources,
     ) -> Result<Self> {
         let mut made = Self {

@@ -1,4 +1,4 @@
-//! What all passes of a denoiser share: the network, its packed weights on the device, the pipelines.
+//! What all passes of a denoiser share: the network and its packed weights on the device.
 
 use crate::error::{Error, Result};
 use crate::frame::Extent;
@@ -6,7 +6,6 @@ use crate::memory::{self, MemoryRequired};
 use crate::net::graph::Graph;
 use crate::net::weights::{ExposureRule, Weights, WeightsError};
 use crate::options::{Exposure, Options};
-use crate::pipelines::Pipelines;
 use crate::plan::{Packing, Plan, packing, plan, plan_in};
 use crate::signals;
 use crate::target::Target;
@@ -28,7 +27,6 @@ pub(crate) struct Engine {
     pub graph: Graph,
     /// What its plans are made for.
     pub target: Target,
-    pub pipelines: Pipelines,
     pub weights: Buffer,
     pub exposure_rule: ExposureRule,
     /// Relative noise below which nothing is denoised, where the plans leave that out.
@@ -68,7 +66,6 @@ impl Engine {
     ) -> Result<Self> {
         Ok(Self {
             weights: upload(device, packing, weights)?,
-            pipelines: Pipelines::new(device),
             device: device.clone(),
             graph,
             target,

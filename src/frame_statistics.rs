@@ -11,6 +11,7 @@ use crate::kernels::stats::{
 };
 use crate::kernels::{Addresses, BufferId, Call, FrameArgs, TILE};
 use crate::net::op::Stage;
+use crate::pipelines;
 use crate::plan::Dispatch;
 use crate::planes::PlaneTable;
 use crate::record::Recording;
@@ -245,7 +246,7 @@ impl<'a> Maker<'a> {
         let dispatch = |call: &Call| Dispatch::new("statistics", Stage::Input, 0, call.clone(), target);
         let mut dispatches: Vec<Dispatch> = calls.iter().map(dispatch).collect();
         dispatches.iter_mut().for_each(|dispatch| dispatch.barrier = true);
-        let pipelines = engine.pipelines.for_dispatches(&dispatches)?;
+        let pipelines = pipelines::for_dispatches(device, &dispatches)?;
         let whole = |id: BufferId| (buffers[id.0].raw(), 0, buffers[id.0].size());
         let resources = Resources { images: None, texels: &|range| whole(range.buffer) };
         // SAFETY: the buffers live in `self`, and `run` waits.

@@ -1,91 +1,83 @@
-//! The pipelines that a plan needs, each made once, several at a time.
+//! The pipelines that plans need, each made once for a device, several at a time. They live as long as the device: a
+//! denoiser that is made again, or another one beside it, finds what it shares with the ones before.
 
 use crate::error::{Error, Result};
 use crate::kernels::contract::{Contract, Specialisation};
 use crate::parallel;
 use crate::plan::Dispatch;
 use crate::vk::device::Device;
-use crate::vk::pipeline::Pipeline;
+use crate::vk::pipeline::{MadePipelines, Pipeline, Specialised};
 use crate::vk::statistics::{PipelineStatistic, of_pipeline};
-use std::collections::{BTreeMap, HashMap};
-use std::sync::{Arc, Mutex, MutexGuard, PoisonError};
+use std::collections::BTreeMap;
+use std::collections::hash_map::Entry;
+use std::sync::{MutexGuard, PoisonError};
 use std::time::Instant;
 
-type Made = HashMap<Specialised, Arc<Pipeline>>;
-
-/// A variant's name, and what its pipeline is specialised for.
-type Specialised = (&'static str, Specialisation);
-
-/// The pipelines of a device, made when first asked for and kept.
-pub(crate) struct Pipelines {
-    device: Device,
-    made: Mutex<Made>,
+/// The pipeline of a kernel variant that is specialised for nothing.
+///
+/// # Errors
+/// As [`for_dispatches`].
+pub(crate) fn get(device: &Device, contract: &'static Contract) -> Result<Pipeline> {
+    Ok(of(device, &[(contract, Specialisation::default())])?.swap_remove(0))
 }
 
-impl Pipelines {
-    pub fn new(device: &Device) -> Self {
-        Self { device: device.clone(), made: Mutex::default() }
-    }
+/// One pipeline for each dispatch, in order. Those that are not there yet are made side by side: a driver compiles each
+/// on the thread that asks for it.
+///
+/// # Errors
+/// [`Error::Unsupported`] where the device lacks what a variant needs; [`Error::Vulkan`].
+pub(crate) fn for_dispatches(device: &Device, dispatches: &[Dispatch]) -> Result<Vec<Pipeline>> {
+    let chosen = dispatches.iter().map(|dispatch| &dispatch.variant);
+    let wanted: Vec<_> = chosen.map(|variant| (variant.contract, variant.special)).collect();
+    of(device, &wanted)
+}
 
-    /// The pipeline of a kernel variant that is specialised for nothing.
-    ///
-    /// # Errors
-    /// As [`Pipelines::for_dispatches`].
-    pub fn get(&self, contract: &'static Contract) -> Result<Arc<Pipeline>> {
-        Ok(self.of(&[(contract, Specialisation::default())])?.swap_remove(0))
-    }
+/// What the compiler says of every pipeline made so far, by variant.
+pub(crate) fn statistics(device: &Device) -> Result<Vec<PipelineStatistic>> {
+    let made = made(device);
+    let sorted: BTreeMap<_, _> = made.iter().collect();
+    let of_each = sorted
+        .into_iter()
+        .map(|((variant, special), pipeline)| of_pipeline(device, &format!("{variant}{special}"), pipeline));
+    Ok(of_each.collect::<Result<Vec<_>>>()?.concat())
+}
 
-    /// One pipeline for each dispatch, in order. Those that are not there yet are made side by side: a driver compiles
-    /// each on the thread that asks for it.
-    ///
-    /// # Errors
-    /// [`Error::Unsupported`] where the device lacks what a variant needs; [`Error::Vulkan`].
-    pub fn for_dispatches(&self, dispatches: &[Dispatch]) -> Result<Vec<Arc<Pipeline>>> {
-        let chosen = dispatches.iter().map(|dispatch| &dispatch.variant);
-        let wanted: Vec<_> = chosen.map(|variant| (variant.contract, variant.special)).collect();
-        self.of(&wanted)
-    }
-
-    /// What the compiler says of every pipeline made so far, by variant.
-    pub fn statistics(&self) -> Result<Vec<PipelineStatistic>> {
-        let made = self.made();
-        let sorted: BTreeMap<_, _> = made.iter().collect();
-        let of_each = sorted
-            .into_iter()
-            .map(|((variant, special), pipeline)| of_pipeline(&self.device, &format!("{variant}{special}"), pipeline));
-        Ok(of_each.collect::<Result<Vec<_>>>()?.concat())
-    }
-
-    fn of(&self, wanted: &[(&'static Contract, Specialisation)]) -> Result<Vec<Arc<Pipeline>>> {
-        let key = |(contract, special): &(&'static Contract, Specialisation)| (contract.name, *special);
-        let made = self.made();
-        let missing: BTreeMap<Specialised, _> =
-            wanted.iter().filter(|one| !made.contains_key(&key(one))).map(|one| (key(one), *one)).collect();
-        drop(made);
-        if !missing.is_empty() {
-            let missing: Vec<_> = missing.into_values().collect();
-            missing.iter().try_for_each(|(contract, _)| self.check(contract))?;
-            let started = Instant::now();
-            let new = parallel::map(&missing, |(contract, special)| Pipeline::new(&self.device, contract, *special));
-            for (one, pipeline) in missing.iter().zip(new) {
-                let pipeline = Arc::new(pipeline?);
-                // Another thread may have been faster.
-                self.made().entry(key(one)).or_insert(pipeline);
+fn of(device: &Device, wanted: &[(&'static Contract, Specialisation)]) -> Result<Vec<Pipeline>> {
+    let key = |(contract, special): &(&'static Contract, Specialisation)| (contract.name, *special);
+    let known = made(device);
+    let missing: BTreeMap<Specialised, _> =
+        wanted.iter().filter(|one| !known.contains_key(&key(one))).map(|one| (key(one), *one)).collect();
+    drop(known);
+    if !missing.is_empty() {
+        let missing: Vec<_> = missing.into_values().collect();
+        missing.iter().try_for_each(|(contract, _)| check(device, contract))?;
+        let started = Instant::now();
+        let new = parallel::map(&missing, |(contract, special)| Pipeline::new(device, contract, *special));
+        let mut failed = None;
+        for (one, pipeline) in missing.iter().zip(new) {
+            match pipeline {
+                Ok(pipeline) => match made(device).entry(key(one)) {
+                    Entry::Vacant(place) => _ = place.insert(pipeline),
+                    // Another thread was faster, and somebody may have its own by now.
+                    Entry::Occupied(_) => pipeline.destroy(device.raw()),
+                },
+                Err(error) => failed = failed.or(Some(error)),
             }
-            tracing::debug!(count = missing.len(), elapsed = ?started.elapsed(), "pipelines");
-            self.device.pipeline_cache().store(self.device.raw());
         }
-        let made = self.made();
-        Ok(wanted.iter().map(|one| Arc::clone(&made[&key(one)])).collect())
+        failed.map_or(Ok(()), Err)?;
+        tracing::debug!(count = missing.len(), elapsed = ?started.elapsed(), "pipelines");
+        device.pipeline_cache().store(device.raw());
     }
+    let made = made(device);
+    Ok(wanted.iter().map(|one| made[&key(one)]).collect())
+}
 
-    fn check(&self, contract: &Contract) -> Result<()> {
-        let Some(need) = contract.needs.iter().find(|need| !self.device.caps().meets(**need)) else { return Ok(()) };
-        let device = self.device.info().name.clone();
-        Err(Error::Unsupported { device, missing: format!("{need} (kernel {})", contract.name) })
-    }
+fn check(device: &Device, contract: &Contract) -> Result<()> {
+    let Some(need) = contract.needs.iter().find(|need| !device.caps().meets(**need)) else { return Ok(()) };
+    let name = device.info().name.clone();
+    Err(Error::Unsupported { device: name, missing: format!("{need} (kernel {})", contract.name) })
+}
 
-    fn made(&self) -> MutexGuard<'_, Made> {
-        self.made.lock().unwrap_or_else(PoisonError::into_inner)
-    }
+fn made(device: &Device) -> MutexGuard<'_, MadePipelines> {
+    device.made_pipelines().lock().unwrap_or_else(PoisonError::into_inner)
 }

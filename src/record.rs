@@ -12,7 +12,6 @@ use crate::vk::timestamps::Timestamps;
 use ash::vk;
 use std::ffi::CString;
 use std::ops::Range;
-use std::sync::Arc;
 
 /// What a recording needs beside the dispatches.
 pub(crate) struct Recording<'a> {
@@ -21,7 +20,7 @@ pub(crate) struct Recording<'a> {
     /// In which buffer one of the plan's lies, and from which byte on.
     pub buffers: &'a dyn Fn(BufferId) -> (vk::Buffer, u64),
     /// One for each dispatch.
-    pub pipelines: &'a [Arc<Pipeline>],
+    pub pipelines: &'a [Pipeline],
     /// Made for these dispatches.
     pub sets: &'a DescriptorSets,
     /// Signals beside the colour: what is for them is recorded for each.

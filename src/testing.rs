@@ -12,7 +12,7 @@ use crate::microbench;
 use crate::net::op::Stage;
 use crate::net::weights::Weights;
 use crate::options::Options;
-use crate::pipelines::Pipelines;
+use crate::pipelines;
 use crate::plan::{Dispatch, Plan};
 use crate::planes::PlaneTable;
 use crate::record::Recording;
@@ -34,7 +34,6 @@ pub const SENTINEL: u32 = 0x7fc5_a5a5;
 pub struct Bench {
     submission: Submission,
     device: Device,
-    pipelines: Pipelines,
     buffers: Vec<(String, Buffer)>,
     /// What kernels are chosen for.
     pub target: KernelTarget,
@@ -53,7 +52,6 @@ impl Bench {
         Ok(Self {
             submission: Submission::new(device)?,
             device: device.clone(),
-            pipelines: Pipelines::new(device),
             buffers: Vec::new(),
             target,
             planes: Planes::default(),
@@ -130,7 +128,7 @@ impl Bench {
         let mut dispatches: Vec<_> =
             calls.iter().map(|call| Dispatch::new("", Stage::Input, 0, call.clone(), self.target)).collect();
         dispatches.iter_mut().for_each(|dispatch| dispatch.barrier = true);
-        let pipelines = self.pipelines.for_dispatches(&dispatches)?;
+        let pipelines = pipelines::for_dispatches(&self.device, &dispatches)?;
         let Self { submission, device, buffers, planes, frame, .. } = self;
         let table = PlaneTable::new(device, planes, &[], None)?;
         let frame = FrameArgs { planes: table.upright().address, ..*frame };

@@ -290,7 +290,7 @@ fn wrong_maps_do_no_more_harm_than_they_must() {
 /// Frames without features repeat a small map; with features kept, theirs are the whole frame's.
 #[test]
 fn features_that_are_missing_or_kept_make_no_difference() {
-    let (weights, extent) = (Weights::hybrid_kernels().unwrap(), Extent::new(520, 300));
+    let (weights, extent) = (Weights::hybrid_kernels().unwrap(), Extent::new(300, 211));
     let pattern = |x: u32, y: u32| (x / 6 + y / 5).is_multiple_of(2);
     let scene = Scene::new(extent, 4, pattern);
     let mut plain = Denoiser::new(device(), &weights, &Options::default()).unwrap();

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::case::PREPROCESSING;
+use common::case::{PREPROCESSING, small_net};
 use common::compare::{max_error, nmse};
 use common::device::{assert_no_validation_messages, device};
 use common::network::{crop, plan_with};
@@ -27,8 +27,9 @@ fn bands_have_the_bits_of_the_whole() {
     let rgb = Layout::interleaved(extent, 3);
     let mut separable = Arch::hybrid();
     separable.stages[0].block = Block::FilmCnn { conv: Convolution::Separable };
-    for arch in [Arch::hybrid(), separable, Arch::named("jsa_baseline").unwrap()] {
-        let weights = Weights::hashed(&arch, PREPROCESSING, 8).unwrap();
+    let nets = [Arch::hybrid(), separable].map(|arch| Weights::hashed(&arch, PREPROCESSING, 8).unwrap());
+    for weights in nets.into_iter().chain([small_net(32, Block::Jsa)]) {
+        let arch = weights.arch();
         let denoised = |frame: &TestFrame, max_chain_bytes, region| {
             let options = Options { max_chain_bytes: Some(max_chain_bytes), ..Options::default() };
             let mut denoiser = Denoiser::new(device(), &weights, &options).unwrap();

@@ -6,6 +6,7 @@ use crate::error::Result;
 use crate::kernels::planes::{Planes, Role};
 use crate::kernels::signals::SignalRows;
 use crate::kernels::{KernelTarget, TexelRange};
+use crate::pipelines;
 use crate::plan::{self, Dispatch, Present};
 use crate::planes::PlaneTable;
 use crate::renderer::{BufferFrame, ImageFrame};
@@ -13,14 +14,12 @@ use crate::signals::{self, BufferSignal};
 use crate::vk::debug;
 use crate::vk::pipeline::Pipeline;
 use std::ffi::CString;
-use std::sync::Arc;
 
 /// The renderer's planes, resolved for the [`Pass`] that made it: no other records it. `Send` and `Sync`; it must
 /// outlive the recorded commands.
 pub struct Binding {
-    // Before the pipelines, whose set layouts it uses.
     pub(super) sets: DescriptorSets,
-    pub(super) pipelines: Vec<Arc<Pipeline>>,
+    pub(super) pipelines: Vec<Pipeline>,
     /// What runs of the plan for these planes, whole.
     pub(super) dispatches: Vec<Dispatch>,
     /// What each of them is labelled with, where they are.
@@ -134,7 +133,7 @@ impl Pass {
         if !features.depth {
             plan::skip_depth(&mut dispatches);
         }
-        let pipelines = engine.pipelines.for_dispatches(&dispatches)?;
+        let pipelines = pipelines::for_dispatches(&engine.device, &dispatches)?;
         let texels = |range: &TexelRange| {
             let (buffer, offset, bytes) = self.location(range.buffer);
             (buffer, offset + range.offset, bytes - range.offset)

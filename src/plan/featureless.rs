@@ -73,9 +73,14 @@ pub fn merge(
     rest
 }
 
-/// The dispatches of features that a convolution of features follows, with these, and Linears of their results at full
-/// size: what else comes after is no work to speak of. What is made again for the output stage
-/// ([`Graph::rematerialized`](crate::net::Graph::rematerialized)) exists in bands alone, and is left as it is.
+/// Whether it is of features alone and not made again for the output stage
+/// ([`Graph::rematerialized`](crate::net::Graph::rematerialized)): what is exists in bands alone, and is left as it is.
+fn is_early(dispatch: &Dispatch) -> bool {
+    dispatch.of_features && dispatch.stage != Stage::Output
+}
+
+/// The early dispatches that a convolution of features follows, with these, and Linears of their results at full size:
+/// what else comes after is no work to speak of.
 fn chain(dispatches: &[Dispatch], padded: Extent) -> Vec<bool> {
     let mut read: HashSet<BufferId> = HashSet::new();
     let mut chain = vec![false; dispatches.len()];
@@ -84,8 +89,7 @@ fn chain(dispatches: &[Dispatch], padded: Extent) -> Vec<bool> {
         let traffic = dispatch.traffic();
         let feeds = traffic.writes.iter().any(|(id, _)| read.contains(id));
         let spatial = maps.iter().any(|(_, access)| access.reads_around());
-        let early = dispatch.of_features && dispatch.stage != Stage::Output;
-        *part = early && !maps.is_empty() && (feeds || spatial);
+        *part = is_early(dispatch) && !maps.is_empty() && (feeds || spatial);
         if *part {
             read.extend(traffic.reads.iter().map(|(id, _)| *id));
         }
@@ -96,8 +100,7 @@ fn chain(dispatches: &[Dispatch], padded: Extent) -> Vec<bool> {
         let at_full_size = dispatch.call.result().is_some_and(|result| result.width == padded.width);
         let maps = dispatch.call.maps();
         let ready = || maps.iter().all(|(view, access)| access.writes() || written.contains(&view.buffer));
-        let early = dispatch.of_features && dispatch.stage != Stage::Output;
-        if !*part && early && at_full_size && matches!(dispatch.call, Call::Linear(_)) && ready() {
+        if !*part && is_early(dispatch) && at_full_size && matches!(dispatch.call, Call::Linear(_)) && ready() {
             *part = true;
             written.extend(dispatch.traffic().writes.iter().map(|(id, _)| *id));
         }

@@ -5,7 +5,7 @@ use crate::error::{Error, Result};
 use crate::kernels::contract::Contract;
 use crate::kernels::contracts;
 use crate::kernels::pushes::{RoofCopyPush, RoofFmaPush};
-use crate::pipelines::Pipelines;
+use crate::pipelines;
 use crate::vk::device::Device;
 use crate::vk::matrix::MatrixShape;
 use crate::vk::memory::Buffer;
@@ -93,7 +93,6 @@ impl Roof {
 /// Where and how it is measured.
 struct Meter {
     submission: Submission,
-    pipelines: Pipelines,
     src: Buffer,
     dst: Buffer,
     bytes: u64,
@@ -114,7 +113,6 @@ impl Meter {
         let buffer = |name| Buffer::new(device, name, bytes, MemoryLocation::GpuOnly);
         Ok(Self {
             submission: Submission::new(device)?,
-            pipelines: Pipelines::new(device),
             src: buffer("copy source")?,
             dst: buffer("copy target")?,
             bytes,
@@ -154,7 +152,7 @@ impl Meter {
     }
 
     fn dispatch(&mut self, contract: &'static Contract, push: &[u8], groups: u32) -> Result<f64> {
-        let (device, pipeline) = (self.device.clone(), self.pipelines.get(contract)?);
+        let (device, pipeline) = (self.device.clone(), pipelines::get(&self.device, contract)?);
         // SAFETY: the command buffer is ours, the addresses are of buffers in `self` as long as the dispatch reaches,
         // and `best` waits.
         self.best(|commands| unsafe {

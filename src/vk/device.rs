@@ -6,6 +6,7 @@ mod renderer;
 use super::caps::{Caps, DeviceInfo};
 use super::instance::{Messages, OwnedInstance};
 use super::interop::Interop;
+use super::pipeline::MadePipelines;
 use super::pipeline_cache::PipelineCache;
 use crate::error::{Error, Result};
 use ash::{ext, khr, vk};
@@ -17,7 +18,8 @@ use std::sync::{Arc, Mutex, PoisonError};
 pub use own::DeviceOptions;
 pub use renderer::RendererDevice;
 
-/// A Vulkan device that denoisers run on. Cheap to clone; `Send` and `Sync`.
+/// A Vulkan device that denoisers run on. Cheap to clone; `Send` and `Sync`. Kernels are compiled once for it and kept
+/// as long as it lives: a second denoiser compiles only what the first has not.
 #[derive(Clone)]
 pub struct Device(Arc<Inner>);
 
@@ -28,6 +30,8 @@ struct Inner {
     allocator: ManuallyDrop<Mutex<Allocator>>,
     memory_in_use: AtomicU64,
     pipeline_cache: PipelineCache,
+    /// Every kernel that was compiled so far.
+    made_pipelines: Mutex<MadePipelines>,
     queue_family: u32,
     /// The queue of our own device. A renderer keeps its queues to itself.
     queue: Option<Mutex<vk::Queue>>,
@@ -138,6 +142,11 @@ impl Device {
         &self.0.pipeline_cache
     }
 
+    /// What [`crate::pipelines`] made.
+    pub(crate) fn made_pipelines(&self) -> &Mutex<MadePipelines> {
+        &self.0.made_pipelines
+    }
+
     pub(crate) fn queue_family(&self) -> u32 {
         self.0.queue_family
     }
@@ -154,6 +163,8 @@ impl Device {
 
 impl Drop for Inner {
     fn drop(&mut self) {
+        let pipelines = std::mem::take(self.made_pipelines.get_mut().unwrap_or_else(PoisonError::into_inner));
+        pipelines.into_values().for_each(|pipeline| pipeline.destroy(&self.raw));
         // SAFETY: every object made from the device holds a clone of `Device`, so none is left; allocator and cache
         // must go before the device, and the instance (a field) goes last.
         unsafe {

@@ -5,10 +5,17 @@ use super::device::Device;
 use crate::error::Result;
 use crate::kernels::contract::{BindingType, Contract, Specialisation};
 use ash::vk;
+use std::collections::HashMap;
 
-/// A compiled kernel. Destroyed when dropped.
+/// A variant's name, and what its pipeline is specialised for.
+pub(crate) type Specialised = (&'static str, Specialisation);
+
+/// The pipelines of a device, which destroys them when it goes.
+pub(crate) type MadePipelines = HashMap<Specialised, Pipeline>;
+
+/// A compiled kernel: handles of the device's.
+#[derive(Clone, Copy, Default)]
 pub(crate) struct Pipeline {
-    device: Device,
     pub raw: vk::Pipeline,
     pub layout: vk::PipelineLayout,
     /// Layout of set 0; null for kernels without descriptors.
@@ -18,13 +25,17 @@ pub(crate) struct Pipeline {
 impl Pipeline {
     /// Builds the variant that `contract` describes, specialised.
     pub fn new(device: &Device, contract: &Contract, special: Specialisation) -> Result<Self> {
+        let mut pipeline = Self::default();
+        let made = pipeline.make(device, contract, special);
+        if made.is_err() {
+            pipeline.destroy(device.raw());
+        }
+        made.map(|()| pipeline)
+    }
+
+    /// Fills in one handle after the other.
+    fn make(&mut self, device: &Device, contract: &Contract, special: Specialisation) -> Result<()> {
         let vk_device = device.raw();
-        let mut pipeline = Self {
-            device: device.clone(),
-            raw: vk::Pipeline::null(),
-            layout: vk::PipelineLayout::null(),
-            set_layout: vk::DescriptorSetLayout::null(),
-        };
         let bindings: Vec<_> = contract
             .bindings()
             .iter()
@@ -41,15 +52,15 @@ impl Pipeline {
         if !bindings.is_empty() {
             let info = vk::DescriptorSetLayoutCreateInfo::default().bindings(&bindings);
             // SAFETY: the device is alive and `info` outlives the call.
-            pipeline.set_layout =
+            self.set_layout =
                 unsafe { vk_device.create_descriptor_set_layout(&info, None) }.called("vkCreateDescriptorSetLayout")?;
-            set_layouts.push(pipeline.set_layout);
+            set_layouts.push(self.set_layout);
         }
         let ranges =
             [vk::PushConstantRange::default().stage_flags(vk::ShaderStageFlags::COMPUTE).size(contract.push_size())];
         let info = vk::PipelineLayoutCreateInfo::default().set_layouts(&set_layouts).push_constant_ranges(&ranges);
         // SAFETY: as above.
-        pipeline.layout = unsafe { vk_device.create_pipeline_layout(&info, None) }.called("vkCreatePipelineLayout")?;
+        self.layout = unsafe { vk_device.create_pipeline_layout(&info, None) }.called("vkCreatePipelineLayout")?;
 
         let words = crate::kernels::spirv::words(&contract.module(device.caps().sharing()));
         let info = vk::ShaderModuleCreateInfo::default().code(words);
@@ -74,15 +85,26 @@ impl Pipeline {
             Some(_) => vk::PipelineCreateFlags::CAPTURE_STATISTICS_KHR,
             None => vk::PipelineCreateFlags::empty(),
         };
-        let info = vk::ComputePipelineCreateInfo::default().flags(flags).stage(stage).layout(pipeline.layout);
+        let info = vk::ComputePipelineCreateInfo::default().flags(flags).stage(stage).layout(self.layout);
         // SAFETY: module, layout and cache are alive.
         let made = unsafe { vk_device.create_compute_pipelines(device.pipeline_cache().raw, &[info], None) };
         // SAFETY: a module may go once its pipelines are made.
         unsafe { vk_device.destroy_shader_module(module, None) };
-        pipeline.raw =
+        self.raw =
             made.map_err(|(_, result)| result).called("vkCreateComputePipelines")?.first().copied().unwrap_or_default();
-        device.name(pipeline.raw, &format!("{}{special}", contract.name));
-        Ok(pipeline)
+        device.name(self.raw, &format!("{}{special}", contract.name));
+        Ok(())
+    }
+
+    /// Destroys what there is of it. Nobody uses it any more.
+    pub fn destroy(self, device: &ash::Device) {
+        // SAFETY: the handles are null or of the device, and no recording that uses them is pending; destroying null
+        // handles is allowed.
+        unsafe {
+            device.destroy_pipeline(self.raw, None);
+            device.destroy_pipeline_layout(self.layout, None);
+            device.destroy_descriptor_set_layout(self.set_layout, None);
+        }
     }
 }
 
@@ -91,18 +113,5 @@ pub(crate) fn descriptor_type(ty: BindingType) -> vk::DescriptorType {
         BindingType::SampledImage => vk::DescriptorType::SAMPLED_IMAGE,
         BindingType::StorageImage => vk::DescriptorType::STORAGE_IMAGE,
         BindingType::TexelBuffer => vk::DescriptorType::UNIFORM_TEXEL_BUFFER,
-    }
-}
-
-impl Drop for Pipeline {
-    fn drop(&mut self) {
-        let device = self.device.raw();
-        // SAFETY: owners wait for the device to be done before they drop a pipeline; destroying null handles is
-        // allowed.
-        unsafe {
-            device.destroy_pipeline(self.raw, None);
-            device.destroy_pipeline_layout(self.layout, None);
-            device.destroy_descriptor_set_layout(self.set_layout, None);
-        }
     }
 }

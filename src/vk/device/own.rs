@@ -151,6 +151,7 @@ impl Device {
             caps,
             raw,
             allocator,
+            made_pipelines: Mutex::default(),
             memory_in_use: AtomicU64::new(0),
             queue_family,
             queue: Some(Mutex::new(queue)),

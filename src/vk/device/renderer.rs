@@ -136,6 +136,7 @@ impl Device {
             pipeline_cache: PipelineCache::new(&device, &caps.identity, &cache),
             caps,
             raw: device,
+            made_pipelines: Mutex::default(),
             memory_in_use: AtomicU64::new(0),
             queue_family,
             queue: None,
