@@ -3,7 +3,7 @@
 
 mod common;
 
-use common::case::PREPROCESSING;
+use common::case::small_hybrid;
 use common::compare::{assert_same_bits, nmse};
 use common::device::{assert_no_validation_messages, device};
 use common::image::RendererImage;
@@ -11,7 +11,7 @@ use common::random::Random;
 use common::vulkan::Renderer;
 use std::ops::ControlFlow;
 use vkdenoise::kernels::Call;
-use vkdenoise::net::{Arch, Head, Weights};
+use vkdenoise::net::Head;
 use vkdenoise::reference::Reference;
 use vkdenoise::testing::{Bench, cut_into_tiles};
 use vkdenoise::{
@@ -25,20 +25,12 @@ const EXTENT: Extent = Extent::new(70, 45);
 const PIXELS: usize = 70 * 45;
 const UNTOUCHED: f32 = -7.0;
 
-/// Random weights of a small Hybrid with kernels alone.
-fn weights() -> Weights {
-    let mut arch = Arch { head: Head::pure(), ..Arch::hybrid() };
-    arch.stages.iter_mut().for_each(|stage| (stage.encoder_blocks, stage.decoder_blocks) = (1, 1));
-    arch.bottleneck.blocks = 1;
-    Weights::hashed(&arch, PREPROCESSING, 4).unwrap()
-}
-
 fn ensemble() -> Options {
     Options { self_ensemble: true, signals: true, ..Options::default() }
 }
 
 fn denoiser(options: &Options) -> Denoiser {
-    Denoiser::new(device(), &weights(), options).unwrap()
+    Denoiser::new(device(), &small_hybrid(Head::pure()), options).unwrap()
 }
 
 /// Planes of a frame and of what goes with it, interleaved.
@@ -213,7 +205,7 @@ fn a_frame_of_colour_alone() {
 
 #[test]
 fn the_f64_twin_agrees() {
-    let weights = weights();
+    let weights = small_hybrid(Head::pure());
     let picture = Picture::new(3);
     let mut denoiser = denoiser(&ensemble());
     let [color, light, _] = denoise(&mut denoiser, &picture, None);
@@ -239,7 +231,7 @@ fn in_a_renderers_buffers() {
     let renderer = Renderer::new();
     // SAFETY: the renderer outlives it.
     let device = unsafe { Device::from_renderer(renderer.handles()) }.unwrap();
-    let denoiser = Denoiser::new(&device, &weights(), &ensemble()).unwrap();
+    let denoiser = Denoiser::new(&device, &small_hybrid(Head::pure()), &ensemble()).unwrap();
     let pass = denoiser.pass(EXTENT).unwrap();
     let picture = Picture::new(4);
     let filled = |samples: &[f32]| {
@@ -293,7 +285,7 @@ fn in_a_renderers_images() {
     let renderer = Renderer::new();
     // SAFETY: the renderer outlives it.
     let device = unsafe { Device::from_renderer(renderer.handles()) }.unwrap();
-    let denoiser = Denoiser::new(&device, &weights(), &ensemble()).unwrap();
+    let denoiser = Denoiser::new(&device, &small_hybrid(Head::pure()), &ensemble()).unwrap();
     let pass = denoiser.pass(EXTENT).unwrap();
     let picture = Picture::new(5);
     let image =
@@ -329,7 +321,7 @@ fn what_it_takes() {
     };
     assert_eq!(flops(&two), 2 * flops(&one));
 
-    let refused = Denoiser::new(device(), &weights(), &Options { keep_features: true, ..ensemble() });
+    let refused = Denoiser::new(device(), &small_hybrid(Head::pure()), &Options { keep_features: true, ..ensemble() });
     assert!(matches!(refused, Err(Error::InvalidOption { option: "self_ensemble", .. })), "{refused:?}");
 }
 

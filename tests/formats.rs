@@ -5,12 +5,14 @@ mod common;
 #[path = "formats/images.rs"]
 mod images;
 
+use common::case::small_hybrid;
 use common::compare::assert_same_bits;
 use common::image::RendererImage;
 use common::random::Random;
 use common::trained::residual_hybrid;
 use common::vulkan::{Renderer, RendererBuffer};
 use half::f16;
+use vkdenoise::net::Head;
 use vkdenoise::{
     Binding, BufferFrame, BufferPlane, Denoiser, DepthEncoding, Device, Error, Extent, FrameOptions, ImageFormat,
     ImageFrame, Layout, NormalEncoding, Options, Pass, SampleFormat, Weights,
@@ -118,7 +120,7 @@ struct Rig {
 
 impl Rig {
     fn new() -> Self {
-        Self::of(&Weights::hybrid_kernels().unwrap())
+        Self::of(&small_hybrid(Head::pure()))
     }
 
     fn of(weights: &Weights) -> Self {

@@ -2,7 +2,7 @@
 
 mod common;
 
-use common::case::PREPROCESSING;
+use common::case::{PREPROCESSING, small_hybrid};
 use common::compare::{assert_same_bits, nmse};
 use common::device::{assert_no_validation_messages, device};
 use common::golden::Golden;
@@ -31,14 +31,6 @@ const BANDED: Extent = Extent::new(120, 517);
 
 fn in_bands_of(max_chain_bytes: u64) -> Options {
     Options { max_chain_bytes: Some(max_chain_bytes), ..Options::default() }
-}
-
-/// Random weights of the Hybrid with a head, one block in each place.
-fn weights(head: &Head) -> Weights {
-    let mut arch = Arch { head: head.clone(), ..Arch::hybrid() };
-    arch.stages.iter_mut().for_each(|stage| (stage.encoder_blocks, stage.decoder_blocks) = (1, 1));
-    arch.bottleneck.blocks = 1;
-    Weights::hashed(&arch, PREPROCESSING, 4).unwrap()
 }
 
 fn denoise(denoiser: &mut Denoiser, frame: &Frame) -> Vec<f32> {
@@ -94,7 +86,7 @@ fn pytorch_agrees() {
 #[test]
 fn every_size_is_the_reference() {
     for (name, head) in heads() {
-        let weights = weights(&head);
+        let weights = small_hybrid(head.clone());
         for precision in [Precision::F32, Precision::F16] {
             if precision == Precision::F16 && !Bench::can_store_halves(device()) {
                 println!("not tested: the device cannot store halves");
@@ -125,7 +117,7 @@ fn every_size_is_the_reference() {
 fn kernels_alone_keep_a_constant_and_black() {
     let extent = Extent::new(150, 90);
     let precisions = [Precision::F32, Precision::F16];
-    let all = [weights(&Head::pure()), Weights::hybrid_kernels().unwrap()];
+    let all = [small_hybrid(Head::pure()), Weights::hybrid_kernels().unwrap()];
     for (weights, precision) in all.iter().flat_map(|weights| precisions.map(|precision| (weights, precision))) {
         if precision == Precision::F16 && !Bench::can_store_halves(device()) {
             continue;
@@ -158,7 +150,7 @@ fn regions_have_the_bits_of_the_whole() {
     let cases =
         heads().into_iter().flat_map(|(name, head)| [(name, head.clone(), Options::default()), (name, head, banded)]);
     for (name, head, options) in cases {
-        let weights = weights(&head);
+        let weights = small_hybrid(head.clone());
         let mut denoiser = Denoiser::new(device(), &weights, &options).unwrap();
         let frame = TestFrame::random(extent, 1);
         let whole = denoise(&mut denoiser, &frame.frame());
@@ -187,7 +179,7 @@ fn bands_and_features_make_no_difference() {
     let frame = TestFrame::random(extent, 7);
     let bare = TestFrame { albedo: None, normal: None, depth: None, ..frame.clone() };
     for (name, head) in heads() {
-        let weights = weights(&head);
+        let weights = small_hybrid(head.clone());
         let whole = in_bands_of(u64::MAX);
         for frame in [&frame, &bare] {
             let expected = denoised(&weights, &whole, &frame.frame());
@@ -230,7 +222,7 @@ fn converged_tiles_are_left_out() {
     let features = Features { albedo: Some(Plane::f32(&albedo, rgb)), noise: Some(noise), ..Features::default() };
     let frame = Frame { extent, color: Plane::f32(&color, rgb), features };
     for (name, head) in heads() {
-        let weights = weights(&head);
+        let weights = small_hybrid(head.clone());
         let whole = denoised(&weights, &Options::default(), &frame);
         for mode in [ConvergedMode::Exact, ConvergedMode::default()] {
             let converged = Some(Converged { threshold: 0.02, mode });

@@ -19,7 +19,7 @@ use vkdenoise::{
 const EXTENT: Extent = Extent::new(150, 100);
 /// The frame whose time is compared: what a timestamp costs and what lies between two dispatches (5.5 % of 256x256, 0.7
 /// % of 1024x1024) does not grow with the kernels, and those of a small frame are shorter than any in use.
-const TIMED: Extent = Extent::new(512, 512);
+const TIMED: Extent = Extent::new(384, 384);
 
 /// Held by whoever runs: other work on the same cores would show in the times.
 static ALONE: Mutex<()> = Mutex::new(());

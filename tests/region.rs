@@ -98,7 +98,7 @@ fn check_rectangles(weights: &Weights, options: &Options, extent: Extent, seed: 
     let count = std::env::var("VKDENOISE_REGIONS")
         .ok()
         .and_then(|n| n.parse().ok())
-        .unwrap_or(if extent.width.max(extent.height) > 1000 { 3 } else { 8 });
+        .unwrap_or(if extent.width.max(extent.height) > 1000 { 2 } else { 8 });
     let mut random = Random::new(seed);
     let color = random.values(3 * extent.pixels() as usize, 0.0, 2.0);
     let depth = random.values(extent.pixels() as usize, 1.0, 9.0);

@@ -2,13 +2,13 @@
 
 mod common;
 
-use common::case::PREPROCESSING;
+use common::case::small_hybrid;
 use common::compare::{assert_same_bits, nmse};
 use common::device::{assert_no_validation_messages, device};
 use common::planes::{TestFrame, TestPlane};
 use common::random::Random;
 use vkdenoise::kernels::{Arithmetic, Storage};
-use vkdenoise::net::{Arch, Graph, Head, Weights};
+use vkdenoise::net::{Graph, Head, Weights};
 use vkdenoise::plan::{Plan, plan};
 use vkdenoise::reference::Reference;
 use vkdenoise::target::Target;
@@ -23,14 +23,6 @@ const LIMIT: f64 = 1e-9;
 const HALF_LIMIT: f64 = 1e-5;
 /// How far a sum of denoised parts may be from the denoised colour, of it.
 const SUM_LIMIT: f32 = 1e-5;
-
-/// Random weights of a small Hybrid with kernels alone.
-fn weights(head: Head) -> Weights {
-    let mut arch = Arch { head, ..Arch::hybrid() };
-    arch.stages.iter_mut().for_each(|stage| (stage.encoder_blocks, stage.decoder_blocks) = (1, 1));
-    arch.bottleneck.blocks = 1;
-    Weights::hashed(&arch, PREPROCESSING, 4).unwrap()
-}
 
 fn options() -> Options {
     Options { signals: true, ..Options::default() }
@@ -132,7 +124,7 @@ fn plan_of(weights: &Weights, extent: Extent, target: &Target) -> Plan {
 /// Every kind of signal, from planes to planes, with samples that are not finite.
 #[test]
 fn signals_are_the_reference() {
-    let weights = weights(Head::pure());
+    let weights = small_hybrid(Head::pure());
     for (precision, cpu) in [(Precision::F32, true), (Precision::F16, true), (Precision::F16, false)] {
         if precision == Precision::F16 && !Bench::can_store_halves(device())
             || cpu && !Bench::can_run_cpu_kernels(device())
@@ -247,7 +239,7 @@ fn what_is_cut_of_the_colour_is_cut_of_its_parts() {
     let color = vec![0.8; 3 * extent.pixels() as usize];
     let given = parts(&color, 12);
     let frame = TestFrame { color: TestPlane::packed(extent, 3, color.clone()), ..TestFrame::random(extent, 5) };
-    let mut denoiser = Denoiser::new(device(), &weights(Head::pure()), &options()).unwrap();
+    let mut denoiser = Denoiser::new(device(), &small_hybrid(Head::pure()), &options()).unwrap();
     let (denoised, outputs) = denoise(&mut denoiser, &frame.frame(), &given);
     let cut = denoised.iter().filter(|value| **value == 0.8).count();
     let worst = worst_sum(&denoised, &outputs);
@@ -260,7 +252,7 @@ fn what_is_cut_of_the_colour_is_cut_of_its_parts() {
 #[test]
 fn bits_depend_on_nothing_else() {
     let extent = Extent::new(150, 90);
-    let weights = weights(Head::pure());
+    let weights = small_hybrid(Head::pure());
     let frame = difficult(extent, 0.5, 2);
     let mut given = parts(&samples(&frame.color), 7);
     let pixels = extent.pixels() as usize;
@@ -370,7 +362,7 @@ fn what_does_not_fit_is_refused() {
     };
     let residual = refused(&common::trained::residual_hybrid());
     assert!(residual.contains("predicts no kernels") && residual.contains("the network that ships"), "{residual}");
-    assert!(refused(&weights(Head::gated())).contains("residual"));
+    assert!(refused(&small_hybrid(Head::gated())).contains("residual"));
 
     let frame = TestFrame::random(extent, 1);
     let try_with = |denoiser: &mut Denoiser, kind, channels: usize, len: usize| {
@@ -389,7 +381,7 @@ fn what_does_not_fit_is_refused() {
         assert_eq!(result.is_err(), untouched);
         result.map(|_| ())
     };
-    let weights = weights(Head::pure());
+    let weights = small_hybrid(Head::pure());
     let mut denoiser = Denoiser::new(device(), &weights, &Options::default()).unwrap();
     let result = try_with(&mut denoiser, SignalKind::Light, 3, 3 * pixels);
     assert!(matches!(result, Err(Error::InvalidOption { option: "signals", .. })), "{result:?}");

@@ -83,7 +83,8 @@ fn check_tiers(wanted: impl Fn(&Tier) -> bool) {
         return println!("not tested: the device has no such tier");
     }
     let names = [
-        "one bad pixel",
+        "one bad pixel in colour",
+        "one bad pixel in all planes",
         "neutral",
         "firefly",
         "radiance",

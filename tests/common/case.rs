@@ -46,6 +46,14 @@ pub fn small_net(channels: u32, bottleneck: Block) -> Weights {
     Weights::hashed(&arch, PREPROCESSING, 3).unwrap()
 }
 
+/// Random weights of the Hybrid with this head, one block in each place.
+pub fn small_hybrid(head: Head) -> Weights {
+    let mut arch = Arch { head, ..Arch::hybrid() };
+    arch.stages.iter_mut().for_each(|stage| (stage.encoder_blocks, stage.decoder_blocks) = (1, 1));
+    arch.bottleneck.blocks = 1;
+    Weights::hashed(&arch, PREPROCESSING, 4).unwrap()
+}
+
 /// Storage, arithmetic and limit of every form of a dense kernel.
 pub const DENSE_FORMS: [(Storage, Arithmetic, f64); 3] = [
     (Storage::F32, Arithmetic::Floats, KERNEL_LIMIT),
