@@ -59,7 +59,8 @@ fn of(device: &Device, wanted: &[(&'static Contract, Specialisation)]) -> Result
                 Ok(pipeline) => match made(device).entry(key(one)) {
                     Entry::Vacant(place) => _ = place.insert(pipeline),
                     // Another thread was faster, and somebody may have its own by now.
-                    Entry::Occupied(_) => pipeline.destroy(device.raw()),
+                    // SAFETY: it was made on this device, just now, and for this function alone.
+                    Entry::Occupied(_) => unsafe { pipeline.destroy(device.raw()) },
                 },
                 Err(error) => failed = failed.or(Some(error)),
             }

@@ -164,10 +164,10 @@ impl Device {
 impl Drop for Inner {
     fn drop(&mut self) {
         let pipelines = std::mem::take(self.made_pipelines.get_mut().unwrap_or_else(PoisonError::into_inner));
-        pipelines.into_values().for_each(|pipeline| pipeline.destroy(&self.raw));
-        // SAFETY: every object made from the device holds a clone of `Device`, so none is left; allocator and cache
-        // must go before the device, and the instance (a field) goes last.
+        // SAFETY: every object made from the device, and all that uses its pipelines, holds a clone of `Device`, so
+        // none is left; allocator, pipelines and cache must go before the device, and the instance (a field) goes last.
         unsafe {
+            pipelines.into_values().for_each(|pipeline| pipeline.destroy(&self.raw));
             ManuallyDrop::drop(&mut self.allocator);
             self.raw.destroy_pipeline_cache(self.pipeline_cache.raw, None);
             if self.owned.is_some() {

@@ -28,7 +28,8 @@ impl Pipeline {
         let mut pipeline = Self::default();
         let made = pipeline.make(device, contract, special);
         if made.is_err() {
-            pipeline.destroy(device.raw());
+            // SAFETY: it is of this device, and nobody has it yet.
+            unsafe { pipeline.destroy(device.raw()) };
         }
         made.map(|()| pipeline)
     }
@@ -96,10 +97,12 @@ impl Pipeline {
         Ok(())
     }
 
-    /// Destroys what there is of it. Nobody uses it any more.
-    pub fn destroy(self, device: &ash::Device) {
-        // SAFETY: the handles are null or of the device, and no recording that uses them is pending; destroying null
-        // handles is allowed.
+    /// Destroys what there is of it.
+    ///
+    /// # Safety
+    /// It is of this device, no recording that uses it is pending, and nobody uses it afterwards.
+    pub unsafe fn destroy(self, device: &ash::Device) {
+        // SAFETY: the caller vouches for the handles; destroying null is allowed.
         unsafe {
             device.destroy_pipeline(self.raw, None);
             device.destroy_pipeline_layout(self.layout, None);
