@@ -299,8 +299,7 @@ fn other_networks_without_features() {
         let weights = Weights::hashed(&arch, PREPROCESSING, 5).unwrap();
         let forms =
             Options { conv: Some(ConvAlgorithm::Winograd(tile)), separable: Some(SeparableForm::Fused), ..keeping() };
-        for options in [Options::default(), forms] {
-            check_missing(&weights, Extent::new(290, 300), &options);
-        }
+        check_missing(&weights, Extent::new(290, 300), &Options::default());
+        check_missing(&weights, Extent::new(290, 100), &forms);
     }
 }

@@ -115,7 +115,7 @@ fn every_size_is_the_reference() {
 /// Kernels alone average: a constant stays what it is, and black is black, whatever the features say.
 #[test]
 fn kernels_alone_keep_a_constant_and_black() {
-    let extent = Extent::new(150, 90);
+    let extent = Extent::new(120, 90);
     let precisions = [Precision::F32, Precision::F16];
     let all = [small_hybrid(Head::pure()), Weights::hybrid_kernels().unwrap()];
     for (weights, precision) in all.iter().flat_map(|weights| precisions.map(|precision| (weights, precision))) {
@@ -210,7 +210,7 @@ fn active(x: u32, y: u32) -> bool {
 
 #[test]
 fn converged_tiles_are_left_out() {
-    let extent = Extent::new(300, 211);
+    let extent = Extent::new(250, 211);
     let (rgb, one) = (Layout::interleaved(extent, 3), Layout::interleaved(extent, 1));
     let pixels = extent.pixels() as usize;
     let mut random = Random::new(8);

@@ -10,7 +10,7 @@ use common::golden::Golden;
 use common::network::{bench_of, crop, download, mirrored, network_range, plan_of, run_and_assert_shares, wide};
 use common::planes::{TestFrame, TestPlane};
 use common::trained::{expanded_patch, residual_hybrid};
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashSet};
 use vkdenoise::frame::{Extent, Frame, Layout, PlaneMut};
 use vkdenoise::kernels::Call;
 use vkdenoise::net::{Arch, Weights};
@@ -72,6 +72,7 @@ fn engine_result(denoiser: &mut Denoiser, frame: &Frame) -> (Vec<f32>, Plan) {
 fn every_network_is_pytorch_and_the_reference() {
     let golden = Golden::read("golden_random.safetensors");
     let frame = golden.frame("");
+    let mut seen = HashSet::new();
     for name in Arch::NAMES {
         let weights = hashed(name, golden.number("seed") as u64);
         let found = residual_of_golden_inputs(&golden, "", &weights);
@@ -84,7 +85,13 @@ fn every_network_is_pytorch_and_the_reference() {
         let mut reference = Reference::new(&plan, &weights).unwrap();
         reference.set_frame(&frame.frame(), None, 0.0).unwrap();
         (0..network_range(&plan).start).for_each(|i| reference.run_dispatch(i));
-        run_and_assert_shares(&mut reference, &plan, &weights);
+        let arch = weights.arch();
+        let blocks = arch.stages.iter().map(|stage| stage.block).chain([arch.bottleneck.block]);
+        if blocks.filter(|block| seen.insert(format!("{block:?}"))).count() > 0 {
+            run_and_assert_shares(&mut reference, &plan, &weights);
+        } else {
+            network_range(&plan).for_each(|i| reference.run_dispatch(i));
+        }
         let nmse = padded_nmse(&found, &reference, &plan);
         let expected = crop(&reference.view(&plan.residual), plan.padded, plan.padded);
         let far = max_error(&crop(&found, plan.padded, plan.padded), &expected);
@@ -198,11 +205,10 @@ fn every_size_is_the_reference() {
         let scale = reference.output().iter().fold(0.0, |most: f64, v| most.max(v.abs()));
         let error = max_error(&output, reference.output()) / scale;
         assert!(error <= 1e-5, "{extent:?}: the output is off by {error:.1e} of its largest value");
-        first.push((found, output));
+        first.push(output);
     }
-    for (extent, (picture, output)) in sizes.into_iter().zip(first).rev() {
+    for (extent, output) in sizes.into_iter().zip(first).rev() {
         let frame = TestFrame::random(extent, 9);
-        assert!(engine_result(&mut denoiser, &frame.frame()).0 == picture, "{extent:?}: another run, other bits");
         assert!(denoised(&mut denoiser, &frame.frame()) == output, "{extent:?}: another run, other bits");
     }
     assert_no_validation_messages();

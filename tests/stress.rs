@@ -90,7 +90,6 @@ fn check_tiers(wanted: impl Fn(&Tier) -> bool) {
         "radiance",
         "nothing unusual",
         "kilometres",
-        "checkerboard",
         "sequence",
     ];
     for tier in tiers {
