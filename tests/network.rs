@@ -85,6 +85,7 @@ fn every_network_is_pytorch_and_the_reference() {
         let mut reference = Reference::new(&plan, &weights).unwrap();
         reference.set_frame(&frame.frame(), None, 0.0).unwrap();
         (0..network_range(&plan).start).for_each(|i| reference.run_dispatch(i));
+        // That every branch matters is shown once for each kind of block.
         let arch = weights.arch();
         let blocks = arch.stages.iter().map(|stage| stage.block).chain([arch.bottleneck.block]);
         if blocks.filter(|block| seen.insert(format!("{block:?}"))).count() > 0 {

@@ -75,7 +75,7 @@ fn stopped_anywhere_it_leaves_the_output_and_the_next_frame_is_right() {
     let expected = denoise(&mut denoiser, &second);
     let mut told = Vec::new();
     watched(&mut denoiser, &first, None, &mut told).0.unwrap();
-    // A prime, so that every kind of kernel has its turn; the first and the last call too.
+    // Every seventh call, the second and the last: an odd step, so that what comes next takes turns.
     for stop in (0..told.len()).step_by(7).chain([1, told.len() - 1]) {
         let mut until = Vec::new();
         let (result, output) = watched(&mut denoiser, &first, Some(stop), &mut until);

@@ -44,11 +44,11 @@ const MATRIX_ROUND: f64 = 8.0;
 const MIN_MS: f64 = 20.0;
 /// Enough to find a quiet moment of a machine that does other work.
 const REPEATS: u32 = 8;
-/// No more repeats after so many milliseconds: a CPU driver takes a second for one of some.
+/// No more repeats after so many milliseconds, but one at least.
 const ENOUGH_MS: f64 = 250.0;
 
 impl Roof {
-    /// Measures the device: a few seconds. The best of several runs counts. The copy is the better of a kernel's and of
+    /// Measures the device: a few seconds. The best of several runs counts, of one where that takes long. The copy is the better of a kernel's and of
     /// `vkCmdCopyBuffer`.
     ///
     /// # Errors
