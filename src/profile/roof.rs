@@ -48,8 +48,8 @@ const REPEATS: u32 = 8;
 const ENOUGH_MS: f64 = 250.0;
 
 impl Roof {
-    /// Measures the device: a few seconds. The best of several runs counts, of one where that takes long. The copy is the better of a kernel's and of
-    /// `vkCmdCopyBuffer`.
+    /// Measures the device: a few seconds. The best of several runs counts, of one where that takes long. The copy is
+    /// the better of a kernel's and of `vkCmdCopyBuffer`.
     ///
     /// # Errors
     /// [`Error::OutOfMemory`], [`Error::Vulkan`], [`Error::DeviceLost`]; [`Error::Binding`] on a renderer's device.
