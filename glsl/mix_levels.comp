@@ -1,5 +1,6 @@
 // The levels of predicted kernels to one picture: enlarged bilinearly, mixed by their shares, times the albedo; GATED:
-// mixed with the network's own estimate, in the logarithm. Exposed radiance.
+// mixed with the network's own estimate, in the logarithm; GLOSS: two images make one, the second, which was not divided
+// by the albedo, for what the first leaves. Exposed radiance.
 #version 460
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"
@@ -40,6 +41,7 @@ layout(push_constant) uniform Push {
 
 const uint FLAG_GATED = 2u;
 const uint FLAG_NO_ALBEDO = 4u;
+const uint FLAG_GLOSS = 8u;
 
 // Four tokens of a level around a pixel, and how near they are.
 struct Around {
@@ -78,6 +80,8 @@ void main() {
     Around place_1 = around(at, 1u);
     Around place_2 = around(at, 2u);
     Around place_3 = around(at, 3u);
+    bool gloss = (flags & FLAG_GLOSS) != 0u;
+    vec3 divided = vec3(0.0);
     for (uint image = 0u; image < images; ++image) {
         // Three channels, and the share of what there is.
         vec4 mixed = LOAD(pixels, from + image);
@@ -87,7 +91,13 @@ void main() {
             mixed += shares.z * ENLARGED(level_2, place_2, image);
             mixed += shares.w * ENLARGED(level_3, place_3, image);
         }
-        vec3 radiance = mixed.xyz / mixed.w * albedo.xyz;
+        vec3 radiance = mixed.xyz / mixed.w;
+        if (gloss && image == 1u) {
+            STORE(dst, pixel * dst_stride, vec4(mix(radiance, divided, albedo.w), 0.0));
+            return;
+        }
+        radiance *= albedo.xyz;
+        divided = radiance;
         if ((flags & FLAG_GATED) != 0u && image == 0u) {
             vec3 direct = LOAD(color, pixel * color_stride).xyz + LOAD(residual, pixel * residual_stride).xyz;
             for (int i = 0; i < 3; ++i) {
@@ -95,6 +105,6 @@ void main() {
                 radiance[i] = expm1(min(direct[i] + albedo.w * (averaged - direct[i]), 88.0));
             }
         }
-        STORE(dst, pixel * dst_stride + image, vec4(radiance, 0.0));
+        if (!gloss) STORE(dst, pixel * dst_stride + image, vec4(radiance, 0.0));
     }
 }

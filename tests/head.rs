@@ -22,8 +22,8 @@ use vkdenoise::{
 const LIMIT: f64 = 1e-9;
 const HALF_LIMIT: f64 = 1e-5;
 
-fn heads() -> [(&'static str, Head); 2] {
-    [("pure", Head::pure()), ("gated", Head::gated())]
+fn heads() -> [(&'static str, Head); 3] {
+    [("pure", Head::pure()), ("gloss", Head::gloss()), ("gated", Head::gated())]
 }
 
 /// High enough for bands of the whole head.
@@ -31,6 +31,12 @@ const BANDED: Extent = Extent::new(120, 517);
 
 fn in_bands_of(max_chain_bytes: u64) -> Options {
     Options { max_chain_bytes: Some(max_chain_bytes), ..Options::default() }
+}
+
+/// How many bands the picture is put out in.
+fn bands_of(denoiser: &Denoiser, extent: Extent) -> usize {
+    let pass = denoiser.pass(extent).unwrap();
+    pass.plan().dispatches.iter().filter(|dispatch| matches!(dispatch.call, Call::Output(_))).count()
 }
 
 fn denoise(denoiser: &mut Denoiser, frame: &Frame) -> Vec<f32> {
@@ -117,7 +123,7 @@ fn every_size_is_the_reference() {
 fn kernels_alone_keep_a_constant_and_black() {
     let extent = Extent::new(120, 90);
     let precisions = [Precision::F32, Precision::F16];
-    let all = [small_hybrid(Head::pure()), Weights::hybrid_kernels().unwrap()];
+    let all = [small_hybrid(Head::pure()), small_hybrid(Head::gloss()), Weights::hybrid_kernels().unwrap()];
     for (weights, precision) in all.iter().flat_map(|weights| precisions.map(|precision| (weights, precision))) {
         if precision == Precision::F16 && !Bench::can_store_halves(device()) {
             continue;
@@ -152,6 +158,7 @@ fn regions_have_the_bits_of_the_whole() {
     for (name, head, options) in cases {
         let weights = small_hybrid(head.clone());
         let mut denoiser = Denoiser::new(device(), &weights, &options).unwrap();
+        assert_eq!(bands_of(&denoiser, extent) > 1, options.max_chain_bytes.is_some(), "{name}");
         let frame = TestFrame::random(extent, 1);
         let whole = denoise(&mut denoiser, &frame.frame());
         let mut random = Random::new(5);
@@ -185,7 +192,9 @@ fn bands_and_features_make_no_difference() {
             let expected = denoised(&weights, &whole, &frame.frame());
             let sizes: &[u64] = if head == Head::pure() { &[1 << 19, 1 << 21] } else { &[1 << 19] };
             for &bytes in sizes {
-                let found = denoised(&weights, &in_bands_of(bytes), &frame.frame());
+                let mut in_bands = Denoiser::new(device(), &weights, &in_bands_of(bytes)).unwrap();
+                assert!(bands_of(&in_bands, extent) > 1, "{name} in bands of {bytes}");
+                let found = denoise(&mut in_bands, &frame.frame());
                 assert_same_bits(&found, &expected, &format!("{name} in bands of {bytes}"));
             }
         }

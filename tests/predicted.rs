@@ -33,7 +33,7 @@ fn pack(levels: u32, arithmetic: Arithmetic) -> Pack {
 #[test]
 fn kernel_inputs() {
     for (storage, arithmetic, limit) in DENSE_FORMS {
-        for (levels, head) in [(3, Head::gated()), (5, Head::pure())] {
+        for (levels, head, channels) in [(3, Head::gated(), 4), (5, Head::pure(), 4), (5, Head::gloss(), 8)] {
             let mut cases = cases(head);
             (cases.storage, cases.arithmetic) = (storage, arithmetic);
             for case in 0..10 {
@@ -49,7 +49,7 @@ fn kernel_inputs() {
                     residual: full(&mut cases, |cases| cases.map(pixels, 4, 0.5)),
                     weights: cases.pack(pack(levels, arithmetic)),
                     dst: cases.target(pixels, 32),
-                    taps: full(&mut cases, |cases| cases.target(pixels, 4)),
+                    taps: full(&mut cases, |cases| cases.target(pixels, channels)),
                     tiles: cases.tiles(tokens),
                     arithmetic,
                 };
@@ -57,7 +57,8 @@ fn kernel_inputs() {
                 cases.add(Call::KernelInputs(call.clone()), dst);
                 cases.add(Call::KernelInputs(call), taps);
             }
-            cases.check(&format!("kernel_inputs of {levels} levels, {storage:?}, {arithmetic:?}"), limit);
+            let what = format!("kernel_inputs of {levels} levels, {channels} channels, {storage:?}, {arithmetic:?}");
+            cases.check(&what, limit);
         }
     }
 }
@@ -70,7 +71,7 @@ fn predict_kernels() {
         (Storage::F16, Arithmetic::Floats, KERNEL_LIMIT),
         (Storage::F16, Arithmetic::Matrices, MATRIX_LIMIT),
     ] {
-        for (levels, head) in [(3, Head::gated()), (5, Head::pure())] {
+        for (levels, head, channels) in [(3, Head::gated(), 4), (5, Head::pure(), 4), (5, Head::gloss(), 8)] {
             let mut cases = cases(head);
             (cases.storage, cases.arithmetic) = (storage, arithmetic);
             for case in 0..10 {
@@ -78,17 +79,18 @@ fn predict_kernels() {
                 let least = if case % 2 == 0 { 0.01 } else { -0.1 };
                 let call = PredictKernels {
                     hidden: cases.map(pixels, 32, 2.0),
-                    taps: full(&mut cases, |cases| cases.map_between(pixels, 4, least, 1.0)),
+                    taps: full(&mut cases, |cases| cases.map_of_images(pixels, channels, least, 1.0)),
                     albedo: cases.map(pixels, 4, 1.2),
                     weights: cases.pack(pack(levels, arithmetic)),
-                    dst: full(&mut cases, |cases| cases.target(pixels, 12)),
+                    dst: full(&mut cases, |cases| cases.target(pixels, channels + 8)),
                     tiles: cases.tiles(pixels),
                     arithmetic,
                 };
                 let dst = call.dst.buffer;
                 cases.add(Call::PredictKernels(call), dst);
             }
-            cases.check(&format!("predict_kernels of {levels} levels, {storage:?}, {arithmetic:?}"), limit);
+            let what = format!("predict_kernels of {levels} levels, {channels} channels, {storage:?}, {arithmetic:?}");
+            cases.check(&what, limit);
         }
     }
 }
@@ -132,7 +134,8 @@ fn apply_kernels() {
 #[test]
 fn mix_levels() {
     let mut cases = cases(Head::pure());
-    for (levels, channels, gated) in [(2, 4, true), (4, 4, false), (4, 8, true), (2, 12, false)].repeat(4) {
+    let forms = [(2, 4, true, false), (4, 4, false, false), (4, 8, true, false), (2, 12, false, false)];
+    for (levels, channels, gated, gloss) in [&forms[..], &[(4, 8, false, true)]].concat().repeat(4) {
         let (width, height) = size(&mut cases, 8);
         // The coarsest level has tiles of its own.
         let grain = 1u32 << levels;
@@ -144,7 +147,8 @@ fn mix_levels() {
             pixels: cases.map_between(pixels, channels + 8, 0.05, 1.0),
             of_signal: false,
             direct: gated.then(|| (cases.map_between(pixels, 4, 0.0, 2.0), cases.map(pixels, 4, 0.5))),
-            dst: cases.target(pixels, channels),
+            gloss,
+            dst: cases.target(pixels, if gloss { 4 } else { channels }),
             tiles: cases.tiles(pixels),
         };
         let dst = call.dst.buffer;

@@ -42,14 +42,29 @@ Average no_average() {
     return Average(vec4(0.0), NO_LOGIT);
 }
 
-// With four more taps, each a value times its weight and the weight: none where that is 0.
-Average with_taps(Average average, vec4 logits, vec4 read[4]) {
+// What to multiply the sums by before four more taps, and what these count for: nothing where that is 0.
+struct Shares {
+    vec4 of_taps;
+    float of_sums;
+    float largest;
+};
+
+Shares shares_of(float largest, vec4 logits, vec4 read[4]) {
     vec4 counts = vec4(read[0].w, read[1].w, read[2].w, read[3].w);
     logits = mix(vec4(NO_LOGIT), logits, greaterThan(counts, vec4(0.0)));
-    float largest = max(average.largest, max(max(logits.x, logits.y), max(logits.z, logits.w)));
-    vec4 shares = exp(logits - largest);
-    vec4 sum = average.sum * exp(average.largest - largest);
-    return Average(sum + shares.x * read[0] + shares.y * read[1] + shares.z * read[2] + shares.w * read[3], largest);
+    float most = max(largest, max(max(logits.x, logits.y), max(logits.z, logits.w)));
+    return Shares(exp(logits - most), exp(largest - most), most);
+}
+
+vec4 with_read(vec4 sum, Shares by, vec4 read[4]) {
+    sum *= by.of_sums;
+    return sum + by.of_taps.x * read[0] + by.of_taps.y * read[1] + by.of_taps.z * read[2] + by.of_taps.w * read[3];
+}
+
+// With four more taps, each a value times its weight and the weight.
+Average with_taps(Average average, vec4 logits, vec4 read[4]) {
+    Shares by = shares_of(average.largest, logits, read);
+    return Average(with_read(average.sum, by, read), by.largest);
 }
 
 // Where a tap reads, from the middle. Divided by multiplication: CPU drivers divide lane by lane.
@@ -63,15 +78,17 @@ ivec2 offset_in_3x3(uint tap) {
     return ivec2(tap - 3u * row, row) - 1;
 }
 
-// Of a pixel what MixLevels reads: the mean of the image times the first level's share and that, the mean albedo and
-// the gate, the other levels' shares. `last` holds the share of the fifth level, which may be impossible, and the gate.
-#define STORE_PREDICTED(dst, to, full, albedo, first, last) { \
+// Of a pixel what MixLevels reads: the means of one image or two times the first level's share, each with that, the mean
+// albedo and the gate, the other levels' shares. `last` holds the share of the fifth level, which may be impossible, and
+// the gate.
+#define STORE_PREDICTED(dst, to, images, full, plain, albedo, first, last) { \
     float most = max(max(max((first).x, (first).y), max((first).z, (first).w)), (last).x); \
     vec4 shares = exp((first) - most); \
     float last_share = exp((last).x - most); \
     float inverse = 1.0 / (shares.x + shares.y + shares.z + shares.w + last_share); \
     float gate = 1.0 / (1.0 + exp(clamp(-(last).y, -60.0, 60.0))); \
     STORE(dst, to, vec4((full) * (shares.x * inverse), shares.x * inverse)); \
-    STORE(dst, (to) + 1u, vec4(albedo, gate)); \
-    STORE(dst, (to) + 2u, vec4(shares.yzw, last_share) * inverse); \
+    if ((images) > 1u) STORE(dst, (to) + 1u, vec4((plain) * (shares.x * inverse), shares.x * inverse)); \
+    STORE(dst, (to) + (images), vec4(albedo, gate)); \
+    STORE(dst, (to) + (images) + 1u, vec4(shares.yzw, last_share) * inverse); \
 }

@@ -168,6 +168,7 @@ mod flags {
     pub const RELU: u32 = 2;
     pub const GATED: u32 = 2;
     pub const NO_ALBEDO: u32 = 4;
+    pub const GLOSS: u32 = 8;
     pub const LEAKY_RELU: u32 = 4;
     pub const RESIDUAL: u32 = 8;
     pub const FILM: u32 = 16;

@@ -17,7 +17,8 @@ pub const HIDDEN: u32 = 32;
 pub const KERNEL_SIDE: u32 = 5;
 /// Side of the kernel over albedo.
 pub const ALBEDO_SIDE: u32 = 3;
-/// Outputs of a pixel's Linear: a kernel's logits, reliability, three shares, the gate, a kernel's over albedo.
+/// Outputs of a pixel's Linear: a kernel's logits, reliability, three shares, the gate or the logit of the share that is
+/// divided by the albedo, a kernel's over albedo.
 pub const FULL_OUTPUTS: u32 = KERNEL_SIDE * KERNEL_SIDE + 1 + 3 + 1 + ALBEDO_SIDE * ALBEDO_SIDE;
 /// The least logarithm of a pixel's reliability.
 pub const LOWEST_RELIABILITY: f64 = -40.0;
@@ -43,13 +44,29 @@ pub struct KernelHead {
     pub levels: Vec<u32>,
     /// Whether the residual is mixed in by a predicted share.
     pub gated: bool,
+    /// Whether a predicted share of every pixel is of the radiance averaged as it is, not divided by the albedo: a
+    /// reflection does not show the texture of what reflects it. Not with a gate.
+    #[serde(skip_serializing_if = "std::ops::Not::not")]
+    pub gloss: bool,
+}
+
+impl KernelHead {
+    /// How many images the kernels are over.
+    pub fn images(&self) -> u32 {
+        1 + u32::from(self.gloss)
+    }
 }
 
 /// A head as a file describes it.
 #[derive(Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]
 enum Described {
-    Kernels { levels: Vec<u32>, gated: bool },
+    Kernels {
+        levels: Vec<u32>,
+        gated: bool,
+        #[serde(default)]
+        gloss: bool,
+    },
 }
 
 /// The levels that a head can have.
@@ -58,12 +75,17 @@ const LEVELS: [&[u32]; 2] = [&[1, 2, 4], &[1, 2, 4, 8, 16]];
 impl Head {
     /// Kernels alone, over five levels: black stays black, a constant stays what it is.
     pub fn pure() -> Self {
-        Self::Kernels(KernelHead { levels: LEVELS[1].to_vec(), gated: false })
+        Self::Kernels(KernelHead { levels: LEVELS[1].to_vec(), gated: false, gloss: false })
+    }
+
+    /// Kernels alone, over the radiance divided by the albedo and over the radiance as it is.
+    pub fn gloss() -> Self {
+        Self::Kernels(KernelHead { levels: LEVELS[1].to_vec(), gated: false, gloss: true })
     }
 
     /// Kernels over three levels, the residual mixed in.
     pub fn gated() -> Self {
-        Self::Kernels(KernelHead { levels: LEVELS[0].to_vec(), gated: true })
+        Self::Kernels(KernelHead { levels: LEVELS[0].to_vec(), gated: true, gloss: false })
     }
 
     /// Whether there are no kernels.
@@ -81,7 +103,9 @@ impl Head {
 
     /// Refuses what the engine cannot build.
     pub(super) fn validate(&self, arch: &Arch) -> Result<(), ArchError> {
-        let Self::Kernels(KernelHead { levels, .. }) = self else { return Ok(()) };
+        let Self::Kernels(KernelHead { levels, gated, gloss }) = self else { return Ok(()) };
+        // One output of a pixel is for either.
+        check(!(*gated && *gloss), || "head: kernels are gated or have gloss, not both".into())?;
         check(LEVELS.contains(&&levels[..]), || format!("head: levels {levels:?}, not one of {LEVELS:?}"))?;
         check(arch.patch == 2, || format!("head: kernels need tokens of 2x2 pixels, not patch {}", arch.patch))?;
         check(arch.channels == HIDDEN, || {
@@ -98,14 +122,15 @@ impl Head {
 impl FromStr for Head {
     type Err = ParseError;
 
-    /// `residual`, `pure` or `gated`.
+    /// `residual`, `pure`, `gloss` or `gated`.
     fn from_str(text: &str) -> Result<Self, ParseError> {
         match text {
             "residual" => Ok(Self::Residual),
             "pure" => Ok(Self::pure()),
+            "gloss" => Ok(Self::gloss()),
             "gated" => Ok(Self::gated()),
             other => {
-                let reason = format!("'{other}'; it can be residual, pure or gated");
+                let reason = format!("'{other}'; it can be residual, pure, gloss or gated");
                 Err(ParseError { what: "head", reason })
             }
         }
@@ -120,8 +145,8 @@ impl<'de> Deserialize<'de> for Head {
             return Ok(Self::Residual);
         }
         let described = serde_json::from_value(value).map_err(|error| D::Error::custom(format!("head: {error}")))?;
-        let Described::Kernels { levels, gated } = described;
-        Ok(Self::Kernels(KernelHead { levels, gated }))
+        let Described::Kernels { levels, gated, gloss } = described;
+        Ok(Self::Kernels(KernelHead { levels, gated, gloss }))
     }
 }
 
@@ -130,7 +155,7 @@ mod tests {
     use super::*;
 
     fn with(levels: &[u32], gated: bool) -> Arch {
-        Arch { head: Head::Kernels(KernelHead { levels: levels.to_vec(), gated }), ..Arch::hybrid() }
+        Arch { head: Head::Kernels(KernelHead { levels: levels.to_vec(), gated, gloss: false }), ..Arch::hybrid() }
     }
 
     #[test]

@@ -56,7 +56,8 @@ const IMAGE: u32 = 4;
 pub(super) fn kernels(b: &mut Builder, head: &KernelHead, inputs: &Inputs) -> Slice {
     let &Inputs { early, tokens, logits, color, aux, residual } = inputs;
     let levels = head.levels.len() as u32;
-    let (hidden, taps) = (b.map("head.hidden", 1, HIDDEN), b.map("head.taps", 1, IMAGE));
+    let images = head.images() * IMAGE;
+    let (hidden, taps) = (b.map("head.hidden", 1, HIDDEN), b.map("head.taps", 1, images));
     let (prefix, albedo) = ("head".to_owned(), aux.part(0, 3));
     b.push(
         "head.hidden".into(),
@@ -73,12 +74,12 @@ pub(super) fn kernels(b: &mut Builder, head: &KernelHead, inputs: &Inputs) -> Sl
         },
     );
     // The mean at full size by its share; then the albedo and the gate, and the other levels' shares.
-    let pixels = b.map("head.full", 1, IMAGE + 8);
+    let pixels = b.map("head.full", 1, images + 8);
     b.push("head.full".into(), OpKind::PredictKernels { head: prefix, hidden, taps, albedo, levels, output: pixels });
     let mut sums = Vec::new();
     for side in &head.levels[1..] {
         let finer = sums.last().copied().unwrap_or(taps);
-        let coarser = b.map(&format!("head.sums.{side}"), *side, IMAGE);
+        let coarser = b.map(&format!("head.sums.{side}"), *side, images);
         b.push(format!("head.sums.{side}"), OpKind::Halve { input: finer, output: coarser.value });
         sums.push(coarser);
     }
@@ -87,12 +88,12 @@ pub(super) fn kernels(b: &mut Builder, head: &KernelHead, inputs: &Inputs) -> Sl
     let finest = level_logits(b, head, 0, tokens);
     let logits = finest.iter().chain(logits);
     for ((side, logits), sums) in head.levels[1..].iter().zip(logits).zip(sums) {
-        let mean = b.map(&format!("head.level.{side}"), *side, IMAGE);
+        let mean = b.map(&format!("head.level.{side}"), *side, images);
         b.push(format!("head.level.{side}"), OpKind::ApplyKernels { logits: *logits, sums, output: mean.value });
         means.push(mean);
     }
     let output = b.map("head.mix", 1, IMAGE);
     let direct = head.gated.then_some((color, residual));
-    b.push("head.mix".into(), OpKind::MixLevels { pixels, levels: means, direct, output: output.value });
+    b.push("head.mix".into(), OpKind::MixLevels { pixels, levels: means, direct, gloss: head.gloss, output: output.value });
     output
 }

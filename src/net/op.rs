@@ -259,7 +259,7 @@ pub enum OpKind {
         /// Sizes of kernels, the full one among them.
         levels: u32,
         /// Of every image a vector of four, the mean times the first level's share and that share; then the mean albedo
-        /// (`a` above) and the gate (sigmoid); then the shares (softmax) of the second level on, zeros beyond them.
+        /// (`a` above) and the gate or the share that is divided by the albedo (sigmoid); then the shares (softmax) of the second level on, zeros beyond them.
         output: Slice,
     },
     /// The mean of 2x2 tokens.
@@ -280,7 +280,8 @@ pub enum OpKind {
         output: ValueId,
     },
     /// The levels of kernels, enlarged bilinearly, mixed by their shares and multiplied by the albedo. With `direct`,
-    /// by the gate mixed with the network's own estimate, in the logarithm. Exposed radiance.
+    /// by the gate mixed with the network's own estimate, in the logarithm. With `gloss` the first image by its share,
+    /// the second, which was not divided, by the rest. Exposed radiance.
     MixLevels {
         /// [`OpKind::PredictKernels`]' result.
         pixels: Slice,
@@ -288,6 +289,8 @@ pub enum OpKind {
         levels: Vec<Slice>,
         /// log1p of the exposed colour, and what the network adds to it.
         direct: Option<(Slice, Slice)>,
+        /// Whether two images make one.
+        gloss: bool,
         /// Of every image three channels and a zero.
         output: ValueId,
     },

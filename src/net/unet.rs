@@ -199,7 +199,7 @@ mod tests {
         least.channels = 8;
         least.stages.truncate(1);
         least.bottleneck.heads = 1;
-        let headed = [Head::pure(), Head::gated()].map(|head| Arch { head, ..Arch::hybrid() });
+        let headed = [Head::pure(), Head::gloss(), Head::gated()].map(|head| Arch { head, ..Arch::hybrid() });
         Arch::NAMES.iter().filter_map(|n| Arch::named(n)).chain([separable, deepest, least]).chain(headed).collect()
     }
 
@@ -289,11 +289,12 @@ mod tests {
                         assert_eq!([stride(*logits), stride(*sums)], [stride(output); 2], "{name}");
                         assert_eq!((logits.channels, sums.channels), (25, output.channels), "{name}");
                     }
-                    OpKind::MixLevels { pixels, levels, .. } => {
+                    OpKind::MixLevels { pixels, levels, gloss, .. } => {
                         let sides: Vec<u32> = levels.iter().map(|level| stride(*level)).collect();
                         assert!(sides == [2, 4] || sides == [2, 4, 8, 16], "{name}: {sides:?}");
                         assert_eq!((stride(*pixels), stride(output)), (1, 1), "{name}");
-                        assert!(levels.iter().all(|level| level.channels == output.channels), "{name}");
+                        let images = output.channels * (1 + u32::from(*gloss));
+                        assert!(levels.iter().all(|level| level.channels == images), "{name}");
                     }
                     OpKind::FilmMean { input, .. } => assert_eq!(input.channels, output.channels, "{name}"),
                     OpKind::FilmVector { input, .. } => {

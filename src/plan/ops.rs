@@ -165,11 +165,12 @@ impl Steps<'_> {
                 dst: self.whole(*output),
                 tiles: Tiles::All,
             }),
-            OpKind::MixLevels { pixels, levels, direct, output } => Call::MixLevels(predicted::MixLevels {
+            OpKind::MixLevels { pixels, levels, direct, gloss, output } => Call::MixLevels(predicted::MixLevels {
                 pixels: self.view(*pixels),
                 levels: levels.iter().map(|level| self.view(*level)).collect(),
                 of_signal: false,
                 direct: direct.map(|(color, residual)| (self.view(color), self.view(residual))),
+                gloss: *gloss,
                 dst: self.whole(*output),
                 tiles: Tiles::All,
             }),

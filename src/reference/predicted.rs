@@ -109,10 +109,12 @@ impl Twin for KernelInputs {
             let softplus = raw.max(0.0) + (-raw.abs()).exp().ln_1p();
             let reliability = (-softplus).max(LOWEST_RELIABILITY).exp();
             let demodulator = demodulator(albedo.token(x, y));
-            for channel in 0..3 {
-                tap[channel] = reliability * c[channel].exp_m1() / demodulator[channel];
+            let radiance = [c[0], c[1], c[2]].map(|c| reliability * c.exp_m1());
+            let divided = [0, 1, 2].map(|channel| radiance[channel] / demodulator[channel]);
+            for (tap, values) in tap.chunks_exact_mut(4).zip([divided, radiance]) {
+                tap[..3].copy_from_slice(&values);
+                tap[3] = reliability;
             }
-            tap[3] = reliability;
         }
         let tiles = reference.tiles(&self.tiles, self.tokens.width, self.tokens.height);
         for (map, view) in [(hidden, &self.dst), (taps, &self.taps)] {
@@ -143,13 +145,15 @@ impl Twin for PredictKernels {
             let at = (i % width, i / width);
             let h = hidden.token(at.0, at.1);
             let (outputs, more) = (weights.full.apply(h), weights.more.apply(h));
-            let read = |x: usize, y: usize| tap(taps.token(x, y));
-            let image = mean(&outputs[..25], KERNEL_SIDE, at, (width, height), read).unwrap_or_default();
             let read = |x: usize, y: usize| (demodulator(albedo.token(x, y)), 1.0);
             let albedo = mean(&outputs[30..], ALBEDO_SIDE, at, (width, height), read).unwrap_or_default();
             let shares = softmax(&[&outputs[26..29], &more[..]].concat());
-            out[..3].copy_from_slice(&image.map(|value| value * shares[0]));
-            out[3] = shares[0];
+            for (image, out) in out[..after].chunks_exact_mut(4).enumerate() {
+                let read = |x: usize, y: usize| tap(&taps.token(x, y)[4 * image..][..4]);
+                let mean = mean(&outputs[..25], KERNEL_SIDE, at, (width, height), read).unwrap_or_default();
+                out[..3].copy_from_slice(&mean.map(|value| value * shares[0]));
+                out[3] = shares[0];
+            }
             out[after..after + 3].copy_from_slice(&albedo);
             out[after + 3] = 1.0 / (1.0 + (-outputs[29]).exp());
             out[after + 4..after + 3 + shares.len()].copy_from_slice(&shares[1..]);
@@ -223,16 +227,23 @@ impl Twin for MixLevels {
         for (i, out) in result.values.chunks_exact_mut(channels).enumerate() {
             let (x, y) = (i % width, i / width);
             let own = pixels.token(x, y);
-            let (images, extra) = own.split_at(channels);
-            for (image, out) in out.chunks_exact_mut(4).enumerate() {
+            let (images, extra) = own.split_at(own.len() - 8);
+            let mixed = |image: usize| {
                 let mut mixed = images[4 * image..][..4].to_vec();
                 for (level, share) in levels.iter().zip(&extra[4..]) {
                     let enlarged = enlarged(level, width / level.width, (x, y));
                     mixed.iter_mut().zip(&enlarged[4 * image..]).for_each(|(mixed, value)| *mixed += share * value);
                 }
+                [0, 1, 2].map(|channel| mixed[channel] / mixed[3])
+            };
+            for (image, out) in out.chunks_exact_mut(4).enumerate() {
+                let (divided, plain) = (mixed(image), if self.gloss { mixed(1) } else { [0.0; 3] });
                 for channel in 0..3 {
                     let albedo = if has_albedo { extra[channel] } else { 1.0 };
-                    out[channel] = mixed[channel] / mixed[3] * albedo;
+                    out[channel] = divided[channel] * albedo;
+                    if self.gloss {
+                        out[channel] = plain[channel] + extra[3] * (out[channel] - plain[channel]);
+                    }
                     if let (Some([color, residual]), 0) = (&direct, image) {
                         let direct = color.token(x, y)[channel] + residual.token(x, y)[channel];
                         let averaged = out[channel].max(0.0).ln_1p();

@@ -157,6 +157,9 @@ pub struct MixLevels {
     pub of_signal: bool,
     /// log1p of the exposed colour, and what the network adds to it, where the gate counts.
     pub direct: Option<(View, View)>,
+    /// Whether there are two images for one picture: the first, times the albedo, by the share that the pixels have in
+    /// the gate's place, and the second, which was not divided by it, by the rest.
+    pub gloss: bool,
     /// Of every image three channels of exposed radiance and a zero.
     pub dst: View,
     /// Tiles of the pixels.
@@ -212,12 +215,13 @@ impl Kernel for MixLevels {
             color_stride: color.stride / 4,
             residual_stride: residual.stride / 4,
             dst_stride: self.dst.stride / 4,
-            images: self.dst.channels / 4,
+            images: self.levels.first().map_or(0, |level| level.channels / 4),
             levels: self.levels.len() as u32,
             first_tile: self.tiles.first(),
             tile_count: self.tiles.count(self.dst.width, self.dst.height),
             flags: self.tiles.flags(self.dst.width)
                 | self.direct.map_or(0, |_| flags::GATED)
+                | if self.gloss { flags::GLOSS } else { 0 }
                 | if self.of_signal && !at.frame.signal.is_some_and(|signal| signal.kind == SignalKind::Light) {
                     flags::NO_ALBEDO
                 } else {
@@ -246,9 +250,10 @@ impl Kernel for MixLevels {
     }
 
     fn accesses(&self, _: &Variant) -> Option<Accesses> {
-        let (images, levels) = (u64::from(self.dst.channels / 4), self.levels.len() as u64);
+        let (pictures, levels) = (u64::from(self.dst.channels / 4), self.levels.len() as u64);
+        let images = pictures * (1 + u64::from(self.gloss));
         let direct = 2 * u64::from(self.direct.is_some());
         let loads = 2 + images * (1 + 4 * levels) + direct;
-        Some(Accesses::each(accesses::tokens(&self.tiles, &self.dst), loads, images))
+        Some(Accesses::each(accesses::tokens(&self.tiles, &self.dst), loads, pictures))
     }
 }

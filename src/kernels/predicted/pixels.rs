@@ -15,14 +15,14 @@ use crate::kernels::{
 pub struct PredictKernels {
     /// What is predicted from, 32 channels.
     pub hidden: View,
-    /// The reliability times the image, and the reliability; 32-bit floats.
+    /// Of one image or two the reliability times it, and the reliability; 32-bit floats.
     pub taps: View,
     /// Albedo in the first three channels.
     pub albedo: View,
     /// Packed weights ([`crate::plan::pack::Pack::Kernels`]), on matrices [`crate::plan::pack::Pack::KernelsMatrix`].
     pub weights: BufferId,
-    /// The mean times the first level's share and the share, the mean albedo and the gate, the other levels' shares;
-    /// 32-bit floats.
+    /// Of every image the mean times the first level's share and the share; the mean albedo and the gate (or the share
+    /// that is divided by the albedo), the other levels' shares; 32-bit floats.
     pub dst: View,
     /// Tiles of the pixels.
     pub tiles: Tiles,
@@ -36,16 +36,21 @@ impl PredictKernels {
         self.hidden.is_vectors_of_halves()
     }
 
+    fn images(&self) -> u64 {
+        u64::from(self.taps.channels / 4)
+    }
+
     /// 48 outputs a pixel by two subgroups, and 25 and nine taps.
     fn accesses_on_matrices(&self) -> Accesses {
         let tiles = u64::from(self.tiles.count(self.dst.width, self.dst.height));
         let (rows, outputs) = (OUTPUTS, 48);
-        let staged = TOKENS * rows / 8 + 2 * u64::from((TILE + 4) * (TILE + 4)) + rows * outputs / 8;
+        let planes = self.images() + 1;
+        let staged = TOKENS * rows / 8 + planes * u64::from((TILE + 4) * (TILE + 4)) + rows * outputs / 8;
         let results = TOKENS * outputs / 4;
         Accesses {
             global_loads: tiles * (staged + results),
-            global_stores: tiles * TOKENS * 3,
-            shared_loads: tiles * ((TOKENS + 2 * outputs) * rows / 8 + results + TOKENS * (25 + 9)),
+            global_stores: tiles * TOKENS * (self.images() + 2),
+            shared_loads: tiles * ((TOKENS + 2 * outputs) * rows / 8 + results + TOKENS * (25 * self.images() + 9)),
             shared_stores: tiles * (staged + results),
         }
     }
@@ -94,7 +99,7 @@ impl Kernel for PredictKernels {
             first_tile: self.tiles.first(),
             tile_count: self.tiles.count(self.dst.width, self.dst.height),
             flags: self.tiles.flags(self.dst.width),
-            unused: 0,
+            images: self.taps.channels / 4,
         })
     }
 
@@ -126,14 +131,15 @@ impl Kernel for PredictKernels {
         let tiles = u64::from(self.tiles.count(self.dst.width, self.dst.height));
         let invocations = accesses::tokens(&self.tiles, &self.dst) / pixels;
         let loads = pixels * 8 + 12 * (1 + accesses::row_loads(contract, 32));
-        let mut accesses = Accesses::each(invocations, loads, 3 * pixels);
+        let mut accesses = Accesses::each(invocations, loads, (self.images() + 2) * pixels);
         // Taps beyond the last one are read too.
-        let taps = invocations * pixels * (28 + 12);
+        let taps = invocations * pixels * (28 * self.images() + 12);
         match contract.has("TEXELS") {
             true => accesses.global_loads += taps,
             false => {
-                accesses.global_loads += tiles * 2 * 144;
-                (accesses.shared_loads, accesses.shared_stores) = (taps, tiles * 2 * 144);
+                let staged = tiles * (self.images() + 1) * 144;
+                accesses.global_loads += staged;
+                (accesses.shared_loads, accesses.shared_stores) = (taps, staged);
             }
         }
         Some(accesses)

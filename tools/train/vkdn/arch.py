@@ -54,14 +54,17 @@ class Bottleneck:
 @dataclass(frozen=True)
 class Head:
     """How the output is made of what the U-Net found: by predicted kernels (head.py) over means of `levels` pixels a side,
-    `gated` with the residual or alone. Networks without one add a residual."""
+    `gated` with the residual or alone; with `gloss` a part of the radiance is not divided by the albedo. Networks without one
+    add a residual."""
 
     levels: tuple[int, ...]
     gated: bool
     kind: str = "kernels"
+    gloss: bool = False
 
     def to_dict(self):
-        return {"kind": self.kind, "levels": list(self.levels), "gated": self.gated}
+        fields = {"kind": self.kind, "levels": list(self.levels), "gated": self.gated}
+        return fields | ({"gloss": True} if self.gloss else {})
 
 
 @dataclass(frozen=True)
@@ -137,7 +140,8 @@ ARCHITECTURES = {
 
 PURE = Head((1, 2, 4, 8, 16), gated=False)
 GATED = Head((1, 2, 4), gated=True)
-HEADS = {"residual": None, "pure": PURE, "gated": GATED}
+GLOSS = replace(PURE, gloss=True)
+HEADS = {"residual": None, "pure": PURE, "gloss": GLOSS, "gated": GATED}
 
 
 def with_head(arch, name):

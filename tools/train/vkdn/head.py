@@ -5,8 +5,11 @@ pixels, mixed by predicted shares. The radiance is divided by the albedo before 
 A tap counts by what the pixel predicts for that offset times the reliability of the pixel that is read, so that a firefly can leave
 every neighbour's kernel by one number. Nothing outside the (padded) frame is read.
 
+A reflection does not show the texture of what reflects it: with `gloss` the same kernels average the radiance as it is too, and a
+predicted share of every pixel is of that.
+
 Parameter names, under "head.": tok, x0, f0, guess make HIDDEN numbers a pixel; out_full makes of them 25 logits, 1 reliability,
-3 shares, 1 gate, 9 logits of a 3x3 kernel over the albedo, in this order, out_more the shares beyond three; per level (see LEVELS)
+3 shares, 1 gate (with `gloss`: the logit of the share that is divided), 9 logits of a 3x3 kernel over the albedo, in this order, out_more the shares beyond three; per level (see LEVELS)
 two Linears make the 25 logits of its kernel.
 """
 import torch
@@ -104,16 +107,19 @@ def demodulator(albedo):
 
 
 class KernelHead(nn.Module):
-    """levels: sides of the means in pixels, (1, 2, 4) or (1, 2, 4, 8, 16); gated: whether the network's residual is mixed in.
+    """levels: sides of the means in pixels, (1, 2, 4) or (1, 2, 4, 8, 16); gated: whether the network's residual is mixed in;
+    gloss: whether a part of the radiance is not divided by the albedo.
 
     channels: the U-Net's at stage 0. Tokens of 2x2 pixels only.
     """
 
-    def __init__(self, channels, levels, gated):
+    def __init__(self, channels, levels, gated, gloss=False):
         super().__init__()
+        if gated and gloss:
+            raise ValueError("a head is gated or has gloss: one number a pixel is for either")
         if tuple(levels) not in (FEWEST, MOST):
             raise ValueError(f"levels {levels}: only {FEWEST} and {MOST} are known")
-        self.levels, self.gated = tuple(levels), gated
+        self.levels, self.gated, self.gloss = tuple(levels), gated, gloss
         self.tok = nn.Linear(channels, 4 * HIDDEN)
         self.x0, self.f0 = nn.Linear(channels, HIDDEN), nn.Linear(channels, HIDDEN)
         self.guess = nn.Linear(6, HIDDEN)
@@ -137,7 +143,7 @@ class KernelHead(nn.Module):
         full[:25] = bell(5, 0.8)
         full[25] = -3.0
         full[26:29] = torch.tensor([1.5, 0.0, -1.5])
-        full[29] = -3.0
+        full[29] = 3.0 if self.gloss else -3.0
         full[30:] = bell(3, 0.5)
         if len(self.levels) > 3:
             self.out_more.bias.fill_(-4.0)
@@ -167,7 +173,8 @@ class KernelHead(nn.Module):
         shares = shares.softmax(1)
         reliability = (-F.softplus(full[:, 25:26])).clamp_min(LOWEST_RELIABILITY).exp()
         a = demodulator(albedo)
-        image = torch.expm1(log_color) / a
+        radiance = torch.expm1(log_color)
+        image = torch.cat([radiance / a, radiance], 1) if self.gloss else radiance / a
         mixed = shares[:, :1] * average(full[:, :25], reliability, image)
         for i, side in enumerate(self.levels[1:]):
             weight = F.avg_pool2d(reliability, side)
@@ -175,6 +182,8 @@ class KernelHead(nn.Module):
             filtered = average(self.kernel(side, tokens[i]), weight, coarse)
             filtered = F.interpolate(filtered, scale_factor=side, mode="bilinear", align_corners=False)
             mixed = mixed + shares[:, i + 1 : i + 2] * filtered
-        mixed = mixed * average(full[:, 30:], torch.ones_like(reliability), a)
-        averaged = torch.log1p(mixed.clamp_min(0))
+        divided = mixed[:, :3] * average(full[:, 30:], torch.ones_like(reliability), a)
+        if self.gloss:
+            divided = torch.lerp(mixed[:, 3:], divided, full[:, 29:30].sigmoid())
+        averaged = torch.log1p(divided.clamp_min(0))
         return torch.lerp(direct, averaged, full[:, 29:30].sigmoid()) if self.gated else averaged

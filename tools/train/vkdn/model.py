@@ -95,7 +95,7 @@ class Denoiser(nn.Module):
         if arch.head:
             if arch.patch != 2 or len(stages) != 3:
                 raise ValueError("a head of predicted kernels needs three stages of 2x2 patches")
-            self.head = KernelHead(last, arch.head.levels, arch.head.gated)
+            self.head = KernelHead(last, arch.head.levels, arch.head.gated, arch.head.gloss)
 
     def wide_decoder(self, stage):
         """Whether this stage's decoder keeps [up, skip] side by side instead of mixing them down to C."""
