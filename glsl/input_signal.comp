@@ -1,5 +1,5 @@
-// A signal beside the colour to what predicted kernels read of it, padded by reflection: of one image or two the
-// reliability times it, and the reliability; then what goes around the kernels.
+// A signal beside the colour to what predicted kernels read of it, padded by reflection: the reliability times the
+// image, and the reliability; then what goes around the kernels.
 //
 // A part of the light (FLAG_LIGHT) is exposed and divided by the albedo as the colour is, and what the colour counts
 // for decides what a part of it does, so that parts that add up to the colour still do: where the colour is mended,
@@ -33,7 +33,7 @@ layout(push_constant) uniform Push {
     uint width;
     uint height;
     uint dst_width;
-    uint strides;         // of taps | albedo << 8 | images << 16, strides in vectors of four
+    uint strides;         // of taps | albedo << 8, in vectors of four
     uint first_tile;      // x | y << 16, in half tiles
     uint tile_count;
     uint flags;
@@ -137,10 +137,7 @@ void main() {
     }
     bvec3 alone = bvec3(uvec3(overflows) & uint(lamp));
     vec3 direct = mix(blend * given + beyond, vec3(infinite), alone);
-    vec3 divisor = light ? demodulator(LOAD(albedo, pixel * (strides >> 8u & 255u)).xyz) : vec3(1.0);
-    uint images = strides >> 16u;
-    uint first = pixel * (images + 1u);
-    STORE(dst, first, vec4(b * (given / divisor), b));
-    if (images > 1u) STORE(dst, first + 1u, vec4(b * given, b));
-    STORE(dst, first + images, vec4(direct, dot(vec3(alone), vec3(1.0, 2.0, 4.0))));
+    vec3 divisor = light ? demodulator(LOAD(albedo, pixel * (strides >> 8u)).xyz) : vec3(1.0);
+    STORE(dst, 2u * pixel, vec4(b * (given / divisor), b));
+    STORE(dst, 2u * pixel + 1u, vec4(direct, dot(vec3(alone), vec3(1.0, 2.0, 4.0))));
 }

@@ -42,7 +42,7 @@ layout(push_constant) uniform Push {
     uint first_tile;      // x | y << 16, in half tiles
     uint tile_count;
     uint flags;
-    uint images;          // two: the radiance that is not divided by the albedo too
+    uint unused;
 };
 
 const uint LANES_X = 8 / TX;
@@ -87,6 +87,5 @@ void main() {
         vec3 image = radiance / demodulator(LOAD(albedo, pixels[p] * albedo_stride).xyz);
         float b = reliability(raw[p]);
         taps.v[pixels[p] * taps_stride] = vec4(b * image, b);
-        if (images > 1u) taps.v[pixels[p] * taps_stride + 1u] = vec4(b * radiance, b);
     }
 }

@@ -35,7 +35,7 @@ layout(push_constant) uniform Push {
     uint first_tile;      // x | y << 16, in half tiles
     uint tile_count;
     uint flags;
-    uint images;          // two: the radiance that is not divided by the albedo too
+    uint unused;
 };
 
 const uint TILES = 1u;
@@ -125,6 +125,5 @@ void main() {
         vec3 image = radiance / demodulator(LOAD(albedo, pixel * albedo_stride).xyz);
         float b = reliability(raw[by_phase(i)] + LOAD_WEIGHTS(weights, RELIABILITY_AT).y);
         taps.v[pixel * taps_stride] = vec4(b * image, b);
-        if (images > 1u) taps.v[pixel * taps_stride + 1u] = vec4(b * radiance, b);
     }
 }

@@ -1,10 +1,11 @@
 // The levels of predicted kernels to one picture: enlarged bilinearly, mixed by their shares, times the albedo; GATED:
-// mixed with the network's own estimate, in the logarithm; GLOSS: two images make one, the second, which was not divided
-// by the albedo, for what the first leaves. Exposed radiance.
+// mixed with the network's own estimate, in the logarithm; GLOSS: of two images a level, one as it was before it was
+// divided by the albedo. Exposed radiance.
 #version 460
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"
 #include "shared/log_exp.glsl"
+#include "shared/kernels.glsl"
 TEXELS_OF(0, pixels)
 TEXELS_OF(1, level_0)
 TEXELS_OF(2, level_1)
@@ -40,8 +41,6 @@ layout(push_constant) uniform Push {
 };
 
 const uint FLAG_GATED = 2u;
-const uint FLAG_NO_ALBEDO = 4u;
-const uint FLAG_GLOSS = 8u;
 
 // Four tokens of a level around a pixel, and how near they are.
 struct Around {
@@ -66,6 +65,16 @@ Around around(uvec2 at, uint level) {
     ((place).shares.x * LOAD(map, (place).from.x + (image)) + (place).shares.y * LOAD(map, (place).from.y + (image)) \
     + (place).shares.z * LOAD(map, (place).from.z + (image)) + (place).shares.w * LOAD(map, (place).from.w + (image)))
 
+// A level's part of a pixel.
+#define ADD_LEVEL(share, map, place) \
+    if (gloss) { \
+        vec4 divided = ENLARGED(map, place, 0u); \
+        vec4 undivided = ENLARGED(map, place, 1u); \
+        mixed += (share) * vec4(with_gloss(divided.xyz, undivided.xyz, albedo.xyz, albedo.w), divided.w); \
+    } else { \
+        mixed += (share) * ENLARGED(map, place, image); \
+    }
+
 void main() {
     uint slot = group_index();
     if (slot >= tiles_of(tile_count, flags, tiles)) return;
@@ -74,30 +83,23 @@ void main() {
     uint pixel = at.y * width + at.x;
     uint from = pixel * pixels_stride;
     vec4 albedo = LOAD(pixels, from + images);
-    if ((flags & FLAG_NO_ALBEDO) != 0u) albedo.xyz = vec3(1.0);
     vec4 shares = LOAD(pixels, from + images + 1u);
     Around place_0 = around(at, 0u);
     Around place_1 = around(at, 1u);
     Around place_2 = around(at, 2u);
     Around place_3 = around(at, 3u);
     bool gloss = (flags & FLAG_GLOSS) != 0u;
-    vec3 divided = vec3(0.0);
     for (uint image = 0u; image < images; ++image) {
         // Three channels, and the share of what there is.
         vec4 mixed = LOAD(pixels, from + image);
-        mixed += shares.x * ENLARGED(level_0, place_0, image);
-        mixed += shares.y * ENLARGED(level_1, place_1, image);
+        ADD_LEVEL(shares.x, level_0, place_0)
+        ADD_LEVEL(shares.y, level_1, place_1)
         if (levels > 2u) {
-            mixed += shares.z * ENLARGED(level_2, place_2, image);
-            mixed += shares.w * ENLARGED(level_3, place_3, image);
+            ADD_LEVEL(shares.z, level_2, place_2)
+            ADD_LEVEL(shares.w, level_3, place_3)
         }
         vec3 radiance = mixed.xyz / mixed.w;
-        if (gloss && image == 1u) {
-            STORE(dst, pixel * dst_stride, vec4(mix(radiance, divided, albedo.w), 0.0));
-            return;
-        }
-        radiance *= albedo.xyz;
-        divided = radiance;
+        if (!gloss) radiance *= albedo.xyz;
         if ((flags & FLAG_GATED) != 0u && image == 0u) {
             vec3 direct = LOAD(color, pixel * color_stride).xyz + LOAD(residual, pixel * residual_stride).xyz;
             for (int i = 0; i < 3; ++i) {
@@ -105,6 +107,6 @@ void main() {
                 radiance[i] = expm1(min(direct[i] + albedo.w * (averaged - direct[i]), 88.0));
             }
         }
-        if (!gloss) STORE(dst, pixel * dst_stride + image, vec4(radiance, 0.0));
+        STORE(dst, pixel * dst_stride + image, vec4(radiance, 0.0));
     }
 }

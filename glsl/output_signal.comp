@@ -16,7 +16,7 @@ layout(local_size_x = 64) in;
 layout(push_constant) uniform Push {
     Weights filtered;
     Weights color;        // the colour's result
-    Weights direct;       // what goes around the kernels, the last vector of a pixel
+    Weights direct;       // what goes around the kernels, every second vector
     Stats stats;
     SignalPlanes signal;
     Uints map;            // with FLAG_CONVERGED
@@ -33,7 +33,7 @@ layout(push_constant) uniform Push {
     float blend;
     uint width;           // of the frame
     uint pixels;
-    uint direct_stride;   // in vectors of four
+    uint unused;
 };
 
 #include "shared/read_signal.glsl"
@@ -64,7 +64,7 @@ void main() {
             }
         }
         // Its last number tells the channels of which it is all.
-        vec4 around = LOAD_WEIGHTS(direct, (pixel + 1u) * direct_stride - 1u);
+        vec4 around = LOAD_WEIGHTS(direct, 2u * pixel + 1u);
         bvec3 alone = bvec3(uvec3(around.w) >> uvec3(0u, 1u, 2u) & 1u);
         result = mix((1.0 - blend) * result, vec3(0.0), alone) + around.xyz * inverse;
         result = clamp(result, -TARGET_MAX, TARGET_MAX);

@@ -32,7 +32,7 @@ layout(push_constant) uniform Push {
     uint first_tile;      // x | y << 16, in half tiles
     uint tile_count;
     uint flags;
-    uint images;          // one or two
+    uint unused;
 };
 
 const uint LANES_X = 8 / TX;
@@ -42,26 +42,27 @@ const uint LANES = 64 / TX;                    // invocations per tile
 
 #ifndef TEXELS
 const int SIDE = 12;                           // a tile and two pixels on each side
-shared vec4 staged[TX * 3 * SIDE * SIDE];      // of every tile a plane after the other
+shared vec4 staged[TX * 2 * SIDE * SIDE];      // of every tile the radiance's, then the albedo's
 #endif
 
 vec4 inputs[TX * HIDDEN];
 vec4 outputs[TX];
 #define INPUT(p, k) inputs[(p) * HIDDEN + (k) / 4][(k) % 4]
 
-// Four taps of a plane, for pixel p of the row.
+// What four taps of pixel p of the row read, of the image or of the albedo.
 #ifdef TEXELS
-#define TAP(plane, p, offset) load_tap(ivec2(at) + ivec2(p, 0) + offset, plane)
+#define TAP(p, offset, plane) load_tap(ivec2(at) + ivec2(p, 0) + offset, plane)
 #else
 int place(ivec2 at) { return at.y * SIDE + at.x; }
-#define TAP(plane, p, offset) staged[of_tile + int(plane) * SIDE * SIDE + place(ivec2(own) + ivec2(p, 0) + offset + 2)]
+#define TAP(p, offset, plane) staged[of_tile + ((plane) ? SIDE * SIDE : 0) + place(ivec2(own) + ivec2(p, 0) + offset + 2)]
 #endif
 #define READ_TAPS(plane) \
     [[unroll]] for (uint i = 0u; i < 4u; ++i) { \
         uint tap = 4u * (of_albedo ? n - ALBEDO_AT : n) + i; \
         ivec2 offset = of_albedo ? offset_in_3x3(tap) : offset_in_5x5(tap); \
-        read[i] = TAP(plane, p, offset); \
-        if (tap >= (of_albedo ? 9u : 25u)) read[i] = vec4(0.0); \
+        bool counts = tap < (of_albedo ? 9u : 25u); \
+        read[i] = TAP(p, offset, plane); \
+        if (!counts) read[i] = vec4(0.0); \
     }
 
 void main() {
@@ -74,20 +75,21 @@ void main() {
     uvec2 own = uvec2(lane % LANES_X * TX, lane / LANES_X);
     uvec2 at = origin + own;
 #ifndef TEXELS
-    int of_tile = int(gl_LocalInvocationID.x / LANES) * 3 * SIDE * SIDE;
-    for (int i = int(lane); i < int(images + 1u) * SIDE * SIDE; i += int(LANES)) {
+    int of_tile = int(gl_LocalInvocationID.x / LANES) * 2 * SIDE * SIDE;
+    for (int i = int(lane); i < 2 * SIDE * SIDE; i += int(LANES)) {
         int j = i % (SIDE * SIDE);
-        staged[of_tile + i] = load_tap(ivec2(origin) + ivec2(j % SIDE, j / SIDE) - 2, uint(i / (SIDE * SIDE)));
+        staged[of_tile + i] = load_tap(ivec2(origin) + ivec2(j % SIDE, j / SIDE) - 2, i >= SIDE * SIDE);
     }
     barrier();
 #endif
     Average averages[TX];
-    vec4 plain[TX];                            // sums of the second image
+    vec4 undivided[TX];                        // with gloss the sums of the radiance as it is
+    bool gloss = (flags & FLAG_GLOSS) != 0u;
     [[unroll]] for (int p = 0; p < TX; ++p) {
         uint from = (at.y * width + at.x + p) * hidden_stride;
         [[unroll]] for (int k = 0; k < HIDDEN; ++k) inputs[p * HIDDEN + k] = LOAD(hidden, from + k);
         averages[p] = no_average();
-        plain[p] = vec4(0.0);
+        undivided[p] = vec4(0.0);
     }
     vec3 full[TX];
     vec4 first[TX];
@@ -105,18 +107,20 @@ void main() {
         if (n == ALBEDO_AT) {
             [[unroll]] for (int p = 0; p < TX; ++p) {
                 full[p] = averages[p].sum.xyz / averages[p].sum.w;
-                plain[p] /= averages[p].sum.w;
+                undivided[p] /= averages[p].sum.w;
                 averages[p] = no_average();
             }
         }
         [[unroll]] for (int p = 0; p < TX; ++p) {
             vec4 read[4];
-            READ_TAPS(of_albedo ? OF_ALBEDO : FIRST_IMAGE)
+            READ_TAPS(of_albedo)
             Shares by = shares_of(averages[p].largest, outputs[p], read);
             averages[p] = Average(with_read(averages[p].sum, by, read), by.largest);
-            if (images > 1u && !of_albedo) {
-                READ_TAPS(FIRST_IMAGE + 1u)
-                plain[p] = with_read(plain[p], by, read);
+            if (gloss && !of_albedo) {
+                vec4 divided[4] = read;
+                READ_TAPS(true)
+                [[unroll]] for (uint i = 0u; i < 4u; ++i) read[i] *= divided[i];
+                undivided[p] = with_read(undivided[p], by, read);
             }
         }
     }
@@ -124,6 +128,6 @@ void main() {
     [[unroll]] for (int p = 0; p < TX; ++p) {
         uint to = (at.y * width + at.x + p) * dst_stride;
         vec3 mean_albedo = averages[p].sum.xyz / averages[p].sum.w;
-        STORE_PREDICTED(dst, to, images, full[p], plain[p].xyz, mean_albedo, first[p], outputs[p])
+        STORE_PREDICTED(dst, to, full[p], undivided[p].xyz, mean_albedo, first[p], outputs[p], flags)
     }
 }

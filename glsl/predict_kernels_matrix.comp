@@ -26,7 +26,7 @@ layout(push_constant) uniform Push {
     uint first_tile;      // x | y << 16, in half tiles
     uint tile_count;
     uint flags;
-    uint images;          // one or two
+    uint unused;
 };
 
 const uint TILES = 1u;
@@ -43,7 +43,7 @@ const uint dst_channels = VECTORS;
 #include "shared/pixel_taps.glsl"
 
 const int SIDE = 12;                           // a tile and two pixels on each side
-shared vec4 staged_taps[3 * SIDE * SIDE];      // a plane after the other
+shared vec4 staged_taps[2 * SIDE * SIDE];      // the radiance's, then the albedo's
 
 void stage(uvec2 origin) {
     Vectors from = Vectors(hidden);
@@ -52,9 +52,9 @@ void stage(uvec2 origin) {
         uint at = (origin.y + token / 8u) * width + origin.x + token % 8u;
         staged[token * TOKEN + part] = from.v[at * (hidden_stride / 2u) + part];
     }
-    for (int i = int(gl_LocalInvocationID.x); i < int(images + 1u) * SIDE * SIDE; i += int(INVOCATIONS)) {
+    for (int i = int(gl_LocalInvocationID.x); i < 2 * SIDE * SIDE; i += int(INVOCATIONS)) {
         int j = i % (SIDE * SIDE);
-        staged_taps[i] = load_tap(ivec2(origin) + ivec2(j % SIDE, j / SIDE) - 2, uint(i / (SIDE * SIDE)));
+        staged_taps[i] = load_tap(ivec2(origin) + ivec2(j % SIDE, j / SIDE) - 2, i >= SIDE * SIDE);
     }
 }
 
@@ -63,45 +63,36 @@ vec4 predicted(uint token, uint vector) {
     return staged_sum(token, vector) + LOAD_WEIGHTS(weights, BIASES_AT + vector);
 }
 
-// Four of `taps` taps of a plane.
-#define READ_TAPS(plane, offset_of, taps) \
-    [[unroll]] for (uint i = 0u; i < 4u; ++i) { \
-        uint tap = 4u * n + i; \
-        ivec2 place = own + offset_of(tap) + 2; \
-        read[i] = vec4(0.0); \
-        if (tap < taps) read[i] = staged_taps[int(plane) * SIDE * SIDE + place.y * SIDE + place.x]; \
-    }
-
-// The means of the images around a pixel of the tile.
+// The mean of `taps` taps around a pixel of the tile, by the outputs of the vectors from `first` on; with gloss of the
+// image also as it was before it was divided by the albedo.
 struct Means {
-    vec3 full;
-    vec3 plain;
+    vec3 mean;
+    vec3 undivided;
 };
 
-Means mean_of_images(uint token, ivec2 own) {
+Means means_of_taps(uint token, ivec2 own, bool of_albedo, uint first, const uint taps) {
     Average average = no_average();
-    vec4 plain = vec4(0.0);
-    [[unroll]] for (uint n = 0u; n < 7u; ++n) {
+    vec4 undivided = vec4(0.0);
+    [[unroll]] for (uint n = 0u; n < (taps + 3u) / 4u; ++n) {
         vec4 read[4];
-        READ_TAPS(FIRST_IMAGE, offset_in_5x5, 25u)
-        Shares by = shares_of(average.largest, predicted(token, n), read);
+        int places[4];
+        [[unroll]] for (uint i = 0u; i < 4u; ++i) {
+            uint tap = 4u * n + i;
+            ivec2 place = own + (of_albedo ? offset_in_3x3(tap) : offset_in_5x5(tap)) + 2;
+            read[i] = vec4(0.0);
+            places[i] = place.y * SIDE + place.x;
+            if (tap < taps) read[i] = staged_taps[(of_albedo ? SIDE * SIDE : 0) + places[i]];
+        }
+        Shares by = shares_of(average.largest, predicted(token, first + n), read);
         average = Average(with_read(average.sum, by, read), by.largest);
-        if (images > 1u) {
-            READ_TAPS(FIRST_IMAGE + 1u, offset_in_5x5, 25u)
-            plain = with_read(plain, by, read);
+        if (!of_albedo && (flags & FLAG_GLOSS) != 0u) {
+            [[unroll]] for (uint i = 0u; i < 4u; ++i) {
+                if (4u * n + i < taps) read[i] *= staged_taps[SIDE * SIDE + places[i]];
+            }
+            undivided = with_read(undivided, by, read);
         }
     }
-    return Means(average.sum.xyz / average.sum.w, plain.xyz / average.sum.w);
-}
-
-vec3 mean_of_albedo(uint token, ivec2 own) {
-    Average average = no_average();
-    [[unroll]] for (uint n = 0u; n < 3u; ++n) {
-        vec4 read[4];
-        READ_TAPS(OF_ALBEDO, offset_in_3x3, 9u)
-        average = with_taps(average, predicted(token, ALBEDO_AT + n), read);
-    }
-    return average.sum.xyz / average.sum.w;
+    return Means(average.sum.xyz / average.sum.w, undivided.xyz / average.sum.w);
 }
 
 void main() {
@@ -118,10 +109,10 @@ void main() {
     for (uint i = gl_SubgroupInvocationID; i < SUMS_TOKENS; i += LANES) {
         uint of_tile = own_half * OWN_TOKENS + i;
         uvec2 own = uvec2(of_tile % 8u, of_tile / 8u);
-        Means means = mean_of_images(i, ivec2(own));
-        vec3 of_albedo = mean_of_albedo(i, ivec2(own));
+        Means full = means_of_taps(i, ivec2(own), false, 0u, 25u);
+        vec3 of_albedo = means_of_taps(i, ivec2(own), true, ALBEDO_AT, 9u).mean;
         vec4 first = predicted(i, SHARES_AT), last = predicted(i, SHARES_AT + 1u);
         uint to = ((origin.y + own.y) * width + origin.x + own.x) * dst_stride;
-        STORE_PREDICTED(dst, to, images, means.full, means.plain, of_albedo, first, last)
+        STORE_PREDICTED(dst, to, full.mean, full.undivided, of_albedo, first, last, flags)
     }
 }

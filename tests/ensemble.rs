@@ -30,7 +30,7 @@ fn ensemble() -> Options {
 }
 
 fn denoiser(options: &Options) -> Denoiser {
-    Denoiser::new(device(), &small_hybrid(Head::pure()), options).unwrap()
+    Denoiser::new(device(), &small_hybrid(Head::gloss()), options).unwrap()
 }
 
 /// Planes of a frame and of what goes with it, interleaved.
@@ -207,7 +207,7 @@ fn a_frame_of_colour_alone() {
 
 #[test]
 fn the_f64_twin_agrees() {
-    let weights = small_hybrid(Head::pure());
+    let weights = small_hybrid(Head::gloss());
     let picture = Picture::new(3);
     let mut denoiser = denoiser(&ensemble());
     let [color, light, _] = denoise(&mut denoiser, &picture, None);
@@ -233,7 +233,7 @@ fn in_a_renderers_buffers() {
     let renderer = Renderer::new();
     // SAFETY: the renderer outlives it.
     let device = unsafe { Device::from_renderer(renderer.handles()) }.unwrap();
-    let denoiser = Denoiser::new(&device, &small_hybrid(Head::pure()), &ensemble()).unwrap();
+    let denoiser = Denoiser::new(&device, &small_hybrid(Head::gloss()), &ensemble()).unwrap();
     let pass = denoiser.pass(EXTENT).unwrap();
     let picture = Picture::new(4);
     let filled = |samples: &[f32]| {
@@ -287,7 +287,7 @@ fn in_a_renderers_images() {
     let renderer = Renderer::new();
     // SAFETY: the renderer outlives it.
     let device = unsafe { Device::from_renderer(renderer.handles()) }.unwrap();
-    let denoiser = Denoiser::new(&device, &small_hybrid(Head::pure()), &ensemble()).unwrap();
+    let denoiser = Denoiser::new(&device, &small_hybrid(Head::gloss()), &ensemble()).unwrap();
     let pass = denoiser.pass(EXTENT).unwrap();
     let picture = Picture::new(5);
     let image =
@@ -323,7 +323,7 @@ fn what_it_takes() {
     };
     assert_eq!(flops(&two), 2 * flops(&one));
 
-    let refused = Denoiser::new(device(), &small_hybrid(Head::pure()), &Options { keep_features: true, ..ensemble() });
+    let refused = Denoiser::new(device(), &small_hybrid(Head::gloss()), &Options { keep_features: true, ..ensemble() });
     assert!(matches!(refused, Err(Error::InvalidOption { option: "self_ensemble", .. })), "{refused:?}");
 }
 

@@ -33,7 +33,7 @@ fn pack(levels: u32, arithmetic: Arithmetic) -> Pack {
 #[test]
 fn kernel_inputs() {
     for (storage, arithmetic, limit) in DENSE_FORMS {
-        for (levels, head, channels) in [(3, Head::gated(), 4), (5, Head::pure(), 4), (5, Head::gloss(), 8)] {
+        for (levels, head) in [(3, Head::gated()), (5, Head::pure())] {
             let mut cases = cases(head);
             (cases.storage, cases.arithmetic) = (storage, arithmetic);
             for case in 0..10 {
@@ -49,7 +49,7 @@ fn kernel_inputs() {
                     residual: full(&mut cases, |cases| cases.map(pixels, 4, 0.5)),
                     weights: cases.pack(pack(levels, arithmetic)),
                     dst: cases.target(pixels, 32),
-                    taps: full(&mut cases, |cases| cases.target(pixels, channels)),
+                    taps: full(&mut cases, |cases| cases.target(pixels, 4)),
                     tiles: cases.tiles(tokens),
                     arithmetic,
                 };
@@ -57,8 +57,7 @@ fn kernel_inputs() {
                 cases.add(Call::KernelInputs(call.clone()), dst);
                 cases.add(Call::KernelInputs(call), taps);
             }
-            let what = format!("kernel_inputs of {levels} levels, {channels} channels, {storage:?}, {arithmetic:?}");
-            cases.check(&what, limit);
+            cases.check(&format!("kernel_inputs of {levels} levels, {storage:?}, {arithmetic:?}"), limit);
         }
     }
 }
@@ -71,7 +70,7 @@ fn predict_kernels() {
         (Storage::F16, Arithmetic::Floats, KERNEL_LIMIT),
         (Storage::F16, Arithmetic::Matrices, MATRIX_LIMIT),
     ] {
-        for (levels, head, channels) in [(3, Head::gated(), 4), (5, Head::pure(), 4), (5, Head::gloss(), 8)] {
+        for (levels, head, gloss) in [(3, Head::gated(), false), (5, Head::pure(), false), (5, Head::gloss(), true)] {
             let mut cases = cases(head);
             (cases.storage, cases.arithmetic) = (storage, arithmetic);
             for case in 0..10 {
@@ -79,17 +78,19 @@ fn predict_kernels() {
                 let least = if case % 2 == 0 { 0.01 } else { -0.1 };
                 let call = PredictKernels {
                     hidden: cases.map(pixels, 32, 2.0),
-                    taps: full(&mut cases, |cases| cases.map_of_images(pixels, channels, least, 1.0)),
+                    taps: full(&mut cases, |cases| cases.map_between(pixels, 4, least, 1.0)),
                     albedo: cases.map(pixels, 4, 1.2),
                     weights: cases.pack(pack(levels, arithmetic)),
-                    dst: full(&mut cases, |cases| cases.target(pixels, channels + 8)),
+                    gloss,
+                    of_signal: false,
+                    dst: full(&mut cases, |cases| cases.target(pixels, 12)),
                     tiles: cases.tiles(pixels),
                     arithmetic,
                 };
                 let dst = call.dst.buffer;
                 cases.add(Call::PredictKernels(call), dst);
             }
-            let what = format!("predict_kernels of {levels} levels, {channels} channels, {storage:?}, {arithmetic:?}");
+            let what = format!("predict_kernels of {levels} levels, gloss {gloss}, {storage:?}, {arithmetic:?}");
             cases.check(&what, limit);
         }
     }
@@ -102,9 +103,22 @@ fn halve() {
         let small = size(&mut cases, 8);
         let (src, dst) = (cases.map((2 * small.0, 2 * small.1), channels, 3.0), cases.target(small, channels));
         let tiles = cases.tiles(small);
-        cases.add(Call::Halve(Halve { src, dst, tiles }), dst.buffer);
+        cases.add(Call::Halve(Halve { src, albedo: None, dst, tiles }), dst.buffer);
     }
     cases.check("halve", KERNEL_LIMIT);
+    for storage in [Storage::F32, Storage::F16] {
+        for _ in 0..6 {
+            let small = size(&mut cases, 8);
+            let large = (2 * small.0, 2 * small.1);
+            cases.storage = storage;
+            let albedo = Some(cases.map(large, 4, 1.2));
+            cases.storage = Storage::F32;
+            let (src, dst) = (cases.map(large, 4, 3.0), cases.target(small, 8));
+            let tiles = cases.tiles(small);
+            cases.add(Call::Halve(Halve { src, albedo, dst, tiles }), dst.buffer);
+        }
+        cases.check(&format!("halve to two images, albedo {storage:?}"), KERNEL_LIMIT);
+    }
 }
 
 /// Weights of the sums that are negative do not count, as those of zero.
@@ -135,20 +149,20 @@ fn apply_kernels() {
 fn mix_levels() {
     let mut cases = cases(Head::pure());
     let forms = [(2, 4, true, false), (4, 4, false, false), (4, 8, true, false), (2, 12, false, false)];
-    for (levels, channels, gated, gloss) in [&forms[..], &[(4, 8, false, true)]].concat().repeat(4) {
+    for (levels, channels, gated, gloss) in [&forms[..], &[(4, 4, false, true)]].concat().repeat(4) {
         let (width, height) = size(&mut cases, 8);
         // The coarsest level has tiles of its own.
         let grain = 1u32 << levels;
         let pixels = (width * grain, height * grain);
+        let of_level = if gloss { 2 * channels } else { channels };
         let map =
-            |cases: &mut Cases, side: u32| cases.map_between((pixels.0 / side, pixels.1 / side), channels, 0.05, 1.0);
+            |cases: &mut Cases, side: u32| cases.map_between((pixels.0 / side, pixels.1 / side), of_level, 0.05, 1.0);
         let call = MixLevels {
             levels: (1..=levels).map(|level| map(&mut cases, 1 << level)).collect(),
             pixels: cases.map_between(pixels, channels + 8, 0.05, 1.0),
-            of_signal: false,
-            direct: gated.then(|| (cases.map_between(pixels, 4, 0.0, 2.0), cases.map(pixels, 4, 0.5))),
             gloss,
-            dst: cases.target(pixels, if gloss { 4 } else { channels }),
+            direct: gated.then(|| (cases.map_between(pixels, 4, 0.0, 2.0), cases.map(pixels, 4, 0.5))),
+            dst: cases.target(pixels, channels),
             tiles: cases.tiles(pixels),
         };
         let dst = call.dst.buffer;

@@ -124,7 +124,7 @@ fn plan_of(weights: &Weights, extent: Extent, target: &Target) -> Plan {
 /// Every kind of signal, from planes to planes, with samples that are not finite.
 #[test]
 fn signals_are_the_reference() {
-    let weights = small_hybrid(Head::pure());
+    let weights = small_hybrid(Head::gloss());
     for (precision, cpu) in [(Precision::F32, true), (Precision::F16, true), (Precision::F16, false)] {
         if precision == Precision::F16 && !Bench::can_store_halves(device())
             || cpu && !Bench::can_run_cpu_kernels(device())
@@ -252,7 +252,7 @@ fn what_is_cut_of_the_colour_is_cut_of_its_parts() {
 #[test]
 fn bits_depend_on_nothing_else() {
     let extent = Extent::new(150, 90);
-    let weights = small_hybrid(Head::pure());
+    let weights = small_hybrid(Head::gloss());
     let frame = difficult(extent, 0.5, 2);
     let mut given = parts(&samples(&frame.color), 7);
     let pixels = extent.pixels() as usize;

@@ -78,17 +78,28 @@ ivec2 offset_in_3x3(uint tap) {
     return ivec2(tap - 3u * row, row) - 1;
 }
 
-// Of a pixel what MixLevels reads: the means of one image or two times the first level's share, each with that, the mean
-// albedo and the gate, the other levels' shares. `last` holds the share of the fifth level, which may be impossible, and
-// the gate.
-#define STORE_PREDICTED(dst, to, images, full, plain, albedo, first, last) { \
+// Of flags of what works on images: of a signal that was not divided by the albedo; of two images, one as it is.
+const uint FLAG_NO_ALBEDO = 4u;
+const uint FLAG_GLOSS = 8u;
+
+// A share `gate` of what was divided by the albedo, times it, and for the rest what was not.
+vec3 with_gloss(vec3 divided, vec3 undivided, vec3 albedo, float gate) {
+    return mix(undivided, divided * albedo, gate);
+}
+
+// Of a pixel what MixLevels reads: the mean of the image times the first level's share and that, the mean albedo and
+// the gate, the other levels' shares. `last` holds the share of the fifth level, which may be impossible, and the gate.
+#define STORE_PREDICTED(dst, to, full, undivided, albedo, first, last, flags) { \
     float most = max(max(max((first).x, (first).y), max((first).z, (first).w)), (last).x); \
     vec4 shares = exp((first) - most); \
     float last_share = exp((last).x - most); \
     float inverse = 1.0 / (shares.x + shares.y + shares.z + shares.w + last_share); \
     float gate = 1.0 / (1.0 + exp(clamp(-(last).y, -60.0, 60.0))); \
-    STORE(dst, to, vec4((full) * (shares.x * inverse), shares.x * inverse)); \
-    if ((images) > 1u) STORE(dst, (to) + 1u, vec4((plain) * (shares.x * inverse), shares.x * inverse)); \
-    STORE(dst, (to) + (images), vec4(albedo, gate)); \
-    STORE(dst, (to) + (images) + 1u, vec4(shares.yzw, last_share) * inverse); \
+    vec4 by = vec4(albedo, gate); \
+    if (((flags) & FLAG_NO_ALBEDO) != 0u) by = vec4(1.0); \
+    vec3 mean = full; \
+    if (((flags) & FLAG_GLOSS) != 0u) mean = with_gloss(mean, undivided, by.xyz, by.w); \
+    STORE(dst, to, vec4(mean * (shares.x * inverse), shares.x * inverse)); \
+    STORE(dst, (to) + 1u, by); \
+    STORE(dst, (to) + 2u, vec4(shares.yzw, last_share) * inverse); \
 }

@@ -222,6 +222,8 @@ contracts! {
             { "TX": "4", "LANES_SHARE": "1", "TEXELS": "1" } CPU;
         /// Means of 2x2 tokens.
         HALVE = "halve" "halve.comp" HalvePush {} &[];
+        /// The same, with an albedo of halves.
+        HALVE_BY_F16 = "halve_by_f16" "halve.comp" HalvePush { "SRC_F16": "1" } &[];
         /// The same for CPU drivers.
         HALVE_CPU = "halve_cpu" "halve.comp" HalvePush { "TEXELS": "1" } CPU;
         /// Kernels of every token over images.

@@ -103,8 +103,8 @@ pub struct InputSignal {
     pub taps: View,
     /// Albedo in the first three channels.
     pub albedo: View,
-    /// Of padded size, 32-bit floats: as `taps`, of one image or two; then what is added to the result, exposed where it
-    /// is light, and a bit for each channel of which it is all.
+    /// Eight channels of padded size, 32-bit floats: as `taps`; then what is added to the result, exposed where it is
+    /// light, and a bit for each channel of which it is all.
     pub dst: View,
     /// Size of the frame in pixels.
     pub width: u32,
@@ -117,7 +117,7 @@ pub struct InputSignal {
 impl InputSignal {
     /// What predicted kernels read of it.
     pub fn image(&self) -> View {
-        View { channels: self.taps.channels, ..self.dst }
+        View { channels: 4, ..self.dst }
     }
 }
 
@@ -156,7 +156,7 @@ impl Kernel for InputSignal {
             width: self.width,
             height: self.height,
             dst_width: self.dst.width,
-            strides: (self.taps.stride / 4) | (self.albedo.stride / 4) << 8 | (self.taps.channels / 4) << 16,
+            strides: (self.taps.stride / 4) | ((self.albedo.stride / 4) << 8),
             first_tile: self.tiles.first(),
             tile_count: self.tiles.count(self.dst.width, self.dst.height),
             flags: firefly_flags(at.frame.fireflies) | signal.flags() | self.tiles.flags(self.dst.width),
@@ -251,7 +251,7 @@ impl Kernel for OutputSignal {
             blend: at.frame.blend,
             width: self.width,
             pixels: self.width * self.height,
-            direct_stride: self.input.stride / 4,
+            unused: 0,
         })
     }
 

@@ -85,10 +85,10 @@ pub fn op_flops(graph: &Graph, op: &Op, width: u32, height: u32) -> Flops {
             let (of_token, of_pixel) = (u64::from(coarse.channels * 4 * HIDDEN), u64::from(6 * HIDDEN + HIDDEN));
             Flops { pointwise: 2 * (tokens(*coarse) * of_token + tokens(*output) * of_pixel), ..none }
         }
-        OpKind::PredictKernels { levels, taps, output, .. } => {
+        OpKind::PredictKernels { levels, gloss, output, .. } => {
             // Without the reliability, which was needed before.
             let outputs = u64::from(HIDDEN * (FULL_OUTPUTS - 1 + levels.saturating_sub(3)));
-            let taps = u64::from(3 * (KERNEL_SIDE * KERNEL_SIDE * (taps.channels / 4) + ALBEDO_SIDE * ALBEDO_SIDE));
+            let taps = u64::from(3 * (KERNEL_SIDE * KERNEL_SIDE * (1 + u32::from(*gloss)) + ALBEDO_SIDE * ALBEDO_SIDE));
             Flops { pointwise: 2 * tokens(*output) * outputs, kernels: 2 * tokens(*output) * taps, ..none }
         }
         OpKind::ApplyKernels { logits, sums, .. } => {

@@ -96,7 +96,7 @@ impl Graph {
                 vec![*early, *tokens, *color, *residual, *albedo]
             }
             OpKind::PredictKernels { hidden, taps, albedo, .. } => vec![*hidden, *taps, *albedo],
-            OpKind::Halve { input, .. } => vec![*input],
+            OpKind::Halve { input, albedo, .. } => [Some(*input), *albedo].into_iter().flatten().collect(),
             OpKind::ApplyKernels { logits, sums, .. } => vec![*logits, *sums],
             OpKind::MixLevels { pixels, levels, direct, .. } => {
                 let direct = direct.iter().flat_map(|(color, residual)| [*color, *residual]);

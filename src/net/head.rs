@@ -50,13 +50,6 @@ pub struct KernelHead {
     pub gloss: bool,
 }
 
-impl KernelHead {
-    /// How many images the kernels are over.
-    pub fn images(&self) -> u32 {
-        1 + u32::from(self.gloss)
-    }
-}
-
 /// A head as a file describes it.
 #[derive(Deserialize)]
 #[serde(tag = "kind", rename_all = "snake_case", deny_unknown_fields)]

@@ -56,8 +56,7 @@ const IMAGE: u32 = 4;
 pub(super) fn kernels(b: &mut Builder, head: &KernelHead, inputs: &Inputs) -> Slice {
     let &Inputs { early, tokens, logits, color, aux, residual } = inputs;
     let levels = head.levels.len() as u32;
-    let images = head.images() * IMAGE;
-    let (hidden, taps) = (b.map("head.hidden", 1, HIDDEN), b.map("head.taps", 1, images));
+    let (hidden, taps) = (b.map("head.hidden", 1, HIDDEN), b.map("head.taps", 1, IMAGE));
     let (prefix, albedo) = ("head".to_owned(), aux.part(0, 3));
     b.push(
         "head.hidden".into(),
@@ -74,13 +73,21 @@ pub(super) fn kernels(b: &mut Builder, head: &KernelHead, inputs: &Inputs) -> Sl
         },
     );
     // The mean at full size by its share; then the albedo and the gate, and the other levels' shares.
-    let pixels = b.map("head.full", 1, images + 8);
-    b.push("head.full".into(), OpKind::PredictKernels { head: prefix, hidden, taps, albedo, levels, output: pixels });
+    let pixels = b.map("head.full", 1, IMAGE + 8);
+    let gloss = head.gloss;
+    b.push(
+        "head.full".into(),
+        OpKind::PredictKernels { head: prefix, hidden, taps, albedo, levels, gloss, output: pixels },
+    );
+    let images = IMAGE * (1 + u32::from(gloss));
     let mut sums = Vec::new();
     for side in &head.levels[1..] {
-        let finer = sums.last().copied().unwrap_or(taps);
         let coarser = b.map(&format!("head.sums.{side}"), *side, images);
-        b.push(format!("head.sums.{side}"), OpKind::Halve { input: finer, output: coarser.value });
+        let (input, albedo) = match sums.last() {
+            None => (taps, gloss.then_some(albedo)),
+            Some(finer) => (*finer, None),
+        };
+        b.push(format!("head.sums.{side}"), OpKind::Halve { input, albedo, output: coarser.value });
         sums.push(coarser);
     }
     let mut means = Vec::new();
@@ -94,6 +101,6 @@ pub(super) fn kernels(b: &mut Builder, head: &KernelHead, inputs: &Inputs) -> Sl
     }
     let output = b.map("head.mix", 1, IMAGE);
     let direct = head.gated.then_some((color, residual));
-    b.push("head.mix".into(), OpKind::MixLevels { pixels, levels: means, direct, gloss: head.gloss, output: output.value });
+    b.push("head.mix".into(), OpKind::MixLevels { pixels, levels: means, direct, gloss, output: output.value });
     output
 }

@@ -258,14 +258,19 @@ pub enum OpKind {
         albedo: Slice,
         /// Sizes of kernels, the full one among them.
         levels: u32,
+        /// Whether the radiance that was not divided by the albedo is averaged too: the gate is then the share of the
+        /// one mean, times the mean albedo, and the rest is of the other.
+        gloss: bool,
         /// Of every image a vector of four, the mean times the first level's share and that share; then the mean albedo
-        /// (`a` above) and the gate or the share that is divided by the albedo (sigmoid); then the shares (softmax) of the second level on, zeros beyond them.
+        /// (`a` above) and the gate (sigmoid); then the shares (softmax) of the second level on, zeros beyond them.
         output: Slice,
     },
     /// The mean of 2x2 tokens.
     Halve {
         /// What it reads.
         input: Slice,
+        /// Where the result is to have a second image, of the radiance that was not divided: what it was divided by.
+        albedo: Option<Slice>,
         /// What it writes, of half the size.
         output: ValueId,
     },
@@ -280,8 +285,8 @@ pub enum OpKind {
         output: ValueId,
     },
     /// The levels of kernels, enlarged bilinearly, mixed by their shares and multiplied by the albedo. With `direct`,
-    /// by the gate mixed with the network's own estimate, in the logarithm. With `gloss` the first image by its share,
-    /// the second, which was not divided, by the rest. Exposed radiance.
+    /// by the gate mixed with the network's own estimate, in the logarithm. With `gloss` the levels have two images: by
+    /// the gate the one that was divided by the albedo, times it, and by the rest the other. Exposed radiance.
     MixLevels {
         /// [`OpKind::PredictKernels`]' result.
         pixels: Slice,
@@ -289,7 +294,7 @@ pub enum OpKind {
         levels: Vec<Slice>,
         /// log1p of the exposed colour, and what the network adds to it.
         direct: Option<(Slice, Slice)>,
-        /// Whether two images make one.
+        /// Whether the levels have two images.
         gloss: bool,
         /// Of every image three channels and a zero.
         output: ValueId,

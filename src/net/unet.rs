@@ -282,8 +282,9 @@ mod tests {
                         assert_eq!(output.channels, taps.channels + 8, "{name}");
                         assert!(*levels <= 5, "{name}: a vector holds the shares of the levels after the first");
                     }
-                    OpKind::Halve { input, .. } => {
-                        assert_eq!((2 * stride(*input), input.channels), (stride(output), output.channels), "{name}");
+                    OpKind::Halve { input, albedo, .. } => {
+                        let channels = input.channels * (1 + u32::from(albedo.is_some()));
+                        assert_eq!((2 * stride(*input), channels), (stride(output), output.channels), "{name}");
                     }
                     OpKind::ApplyKernels { logits, sums, .. } => {
                         assert_eq!([stride(*logits), stride(*sums)], [stride(output); 2], "{name}");

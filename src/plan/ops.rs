@@ -142,11 +142,13 @@ impl Steps<'_> {
                 call.weights = self.pack(head, kernels_pack(head, *levels, call.arithmetic));
                 Call::KernelInputs(call)
             }
-            OpKind::PredictKernels { head, hidden, taps, albedo, levels, output } => {
+            OpKind::PredictKernels { head, hidden, taps, albedo, levels, gloss, output } => {
                 let mut call = predicted::PredictKernels {
                     hidden: self.view(*hidden),
                     taps: self.view(*taps),
                     albedo: self.view(*albedo),
+                    gloss: *gloss,
+                    of_signal: false,
                     weights: BufferId(0),
                     dst: self.view(*output),
                     tiles: Tiles::All,
@@ -156,9 +158,12 @@ impl Steps<'_> {
                 call.weights = self.pack(head, kernels_pack(head, *levels, call.arithmetic));
                 Call::PredictKernels(call)
             }
-            OpKind::Halve { input, output } => {
-                Call::Halve(predicted::Halve { src: self.view(*input), dst: self.whole(*output), tiles: Tiles::All })
-            }
+            OpKind::Halve { input, albedo, output } => Call::Halve(predicted::Halve {
+                src: self.view(*input),
+                albedo: albedo.map(|albedo| self.view(albedo)),
+                dst: self.whole(*output),
+                tiles: Tiles::All,
+            }),
             OpKind::ApplyKernels { logits, sums, output } => Call::ApplyKernels(predicted::ApplyKernels {
                 logits: self.view(*logits),
                 sums: self.view(*sums),
@@ -168,7 +173,6 @@ impl Steps<'_> {
             OpKind::MixLevels { pixels, levels, direct, gloss, output } => Call::MixLevels(predicted::MixLevels {
                 pixels: self.view(*pixels),
                 levels: levels.iter().map(|level| self.view(*level)).collect(),
-                of_signal: false,
                 direct: direct.map(|(color, residual)| (self.view(color), self.view(residual))),
                 gloss: *gloss,
                 dst: self.whole(*output),

@@ -30,9 +30,7 @@ impl Lowering<'_> {
         let (taps, albedo) = (View { height, top, ..views.0 }, View { height, top, ..views.1 });
         let first = self.dispatches.len();
         let (width, height) = (self.extent.width, self.extent.height);
-        // What kernels read, and what goes around them.
-        let channels = taps.channels + 4;
-        let dst = View { channels, stride: channels, ..taps };
+        let dst = View { channels: 8, stride: 8, ..taps };
         let buffer = self.scratch("signal.input", dst.bytes(), Storage::F32);
         let (stats, tile_stats, dst) = (self.stats, self.tile_stats, View { buffer, ..dst });
         let input = InputSignal { stats, tile_stats, taps, albedo, dst, width, height, tiles: Tiles::All };
@@ -50,8 +48,8 @@ impl Lowering<'_> {
                 }
                 *view = maps.get(&view.buffer).copied().unwrap_or(*view);
             });
-            if let Call::MixLevels(mix) = &mut dispatch.call {
-                mix.of_signal = true;
+            if let Call::PredictKernels(predict) = &mut dispatch.call {
+                predict.of_signal = true;
             }
             self.push(&name, dispatch.stage, dispatch.flops, dispatch.call);
         }

@@ -109,12 +109,10 @@ impl Twin for KernelInputs {
             let softplus = raw.max(0.0) + (-raw.abs()).exp().ln_1p();
             let reliability = (-softplus).max(LOWEST_RELIABILITY).exp();
             let demodulator = demodulator(albedo.token(x, y));
-            let radiance = [c[0], c[1], c[2]].map(|c| reliability * c.exp_m1());
-            let divided = [0, 1, 2].map(|channel| radiance[channel] / demodulator[channel]);
-            for (tap, values) in tap.chunks_exact_mut(4).zip([divided, radiance]) {
-                tap[..3].copy_from_slice(&values);
-                tap[3] = reliability;
+            for channel in 0..3 {
+                tap[channel] = reliability * c[channel].exp_m1() / demodulator[channel];
             }
+            tap[3] = reliability;
         }
         let tiles = reference.tiles(&self.tiles, self.tokens.width, self.tokens.height);
         for (map, view) in [(hidden, &self.dst), (taps, &self.taps)] {
@@ -141,26 +139,43 @@ impl Twin for PredictKernels {
         let (width, height, channels) = (hidden.width, hidden.height, self.dst.channels as usize);
         let mut result = Map::zeros(width, height, channels);
         let after = channels - 8;
+        let has_albedo = !self.of_signal || reference.frame.signal.as_ref().is_some_and(SignalData::is_light);
         for (i, out) in result.values.chunks_exact_mut(channels).enumerate() {
             let at = (i % width, i / width);
             let h = hidden.token(at.0, at.1);
             let (outputs, more) = (weights.full.apply(h), weights.more.apply(h));
-            let read = |x: usize, y: usize| (demodulator(albedo.token(x, y)), 1.0);
-            let albedo = mean(&outputs[30..], ALBEDO_SIDE, at, (width, height), read).unwrap_or_default();
-            let shares = softmax(&[&outputs[26..29], &more[..]].concat());
-            for (image, out) in out[..after].chunks_exact_mut(4).enumerate() {
-                let read = |x: usize, y: usize| tap(&taps.token(x, y)[4 * image..][..4]);
-                let mean = mean(&outputs[..25], KERNEL_SIDE, at, (width, height), read).unwrap_or_default();
-                out[..3].copy_from_slice(&mean.map(|value| value * shares[0]));
-                out[3] = shares[0];
+            let read = |x: usize, y: usize| tap(taps.token(x, y));
+            let mut image = mean(&outputs[..25], KERNEL_SIDE, at, (width, height), read).unwrap_or_default();
+            let divided_by = |x: usize, y: usize| (demodulator(albedo.token(x, y)), 1.0);
+            let mut gate = 1.0 / (1.0 + (-outputs[29]).exp());
+            let mean_albedo = mean(&outputs[30..], ALBEDO_SIDE, at, (width, height), divided_by);
+            let mut mean_albedo = mean_albedo.unwrap_or_default();
+            if !has_albedo {
+                (mean_albedo, gate) = ([1.0; 3], 1.0);
             }
-            out[after..after + 3].copy_from_slice(&albedo);
-            out[after + 3] = 1.0 / (1.0 + (-outputs[29]).exp());
+            if self.gloss {
+                let read = |x: usize, y: usize| {
+                    let ((value, weight), (albedo, _)) = (read(x, y), divided_by(x, y));
+                    ([0, 1, 2].map(|c| value[c] * albedo[c]), weight)
+                };
+                let undivided = mean(&outputs[..25], KERNEL_SIDE, at, (width, height), read).unwrap_or_default();
+                image = with_gloss(image, undivided, &mean_albedo, gate);
+            }
+            let shares = softmax(&[&outputs[26..29], &more[..]].concat());
+            out[..3].copy_from_slice(&image.map(|value| value * shares[0]));
+            out[3] = shares[0];
+            out[after..after + 3].copy_from_slice(&mean_albedo);
+            out[after + 3] = gate;
             out[after + 4..after + 3 + shares.len()].copy_from_slice(&shares[1..]);
         }
         let tiles = reference.tiles(&self.tiles, self.dst.width, self.dst.height);
         reference.store(&result, &self.dst, &tiles, |x, y, channel| (x, y, channel));
     }
+}
+
+/// A share `gate` of what was divided by the albedo, times it, and for the rest what was not.
+fn with_gloss(divided: [f64; 3], undivided: [f64; 3], albedo: &[f64], gate: f64) -> [f64; 3] {
+    [0, 1, 2].map(|c| undivided[c] + gate * (divided[c] * albedo[c] - undivided[c]))
 }
 
 /// A value and its weight, of their product and the weight.
@@ -178,10 +193,26 @@ fn by_tokens(pixels: &Map) -> Map {
     tokens
 }
 
+/// An image, and what it was before it was divided by the albedo; each times its weight, and that.
+fn with_undivided(image: &Map, albedo: &Map) -> Map {
+    let mut both = Map::zeros(image.width, image.height, 8);
+    for (i, out) in both.values.chunks_exact_mut(8).enumerate() {
+        let (x, y) = (i % image.width, i / image.width);
+        let (own, divisor) = (image.token(x, y), demodulator(albedo.token(x, y)));
+        out[..4].copy_from_slice(&own[..4]);
+        (0..3).for_each(|c| out[4 + c] = own[c] * divisor[c]);
+        out[7] = own[3];
+    }
+    both
+}
+
 impl Twin for Halve {
     /// The mean of 2x2 tokens.
     fn compute(&self, reference: &mut Reference) {
-        let src = reference.map(&self.src);
+        let mut src = reference.map(&self.src);
+        if let Some(albedo) = &self.albedo {
+            src = with_undivided(&src, &reference.map(albedo));
+        }
         let mut result = Map::zeros(src.width / 2, src.height / 2, src.channels);
         for (y, x) in (0..src.height).flat_map(|y| (0..src.width).map(move |x| (y, x))) {
             let at = (y / 2 * result.width + x / 2) * src.channels;
@@ -223,27 +254,24 @@ impl Twin for MixLevels {
         let direct = self.direct.map(|(color, residual)| [reference.map(&color), reference.map(&residual)]);
         let mut result = Map::zeros(pixels.width, pixels.height, self.dst.channels as usize);
         let (width, channels) = (result.width, result.channels);
-        let has_albedo = !self.of_signal || reference.frame.signal.as_ref().is_some_and(SignalData::is_light);
         for (i, out) in result.values.chunks_exact_mut(channels).enumerate() {
             let (x, y) = (i % width, i / width);
             let own = pixels.token(x, y);
-            let (images, extra) = own.split_at(own.len() - 8);
-            let mixed = |image: usize| {
+            let (images, extra) = own.split_at(channels);
+            for (image, out) in out.chunks_exact_mut(4).enumerate() {
                 let mut mixed = images[4 * image..][..4].to_vec();
                 for (level, share) in levels.iter().zip(&extra[4..]) {
                     let enlarged = enlarged(level, width / level.width, (x, y));
-                    mixed.iter_mut().zip(&enlarged[4 * image..]).for_each(|(mixed, value)| *mixed += share * value);
-                }
-                [0, 1, 2].map(|channel| mixed[channel] / mixed[3])
-            };
-            for (image, out) in out.chunks_exact_mut(4).enumerate() {
-                let (divided, plain) = (mixed(image), if self.gloss { mixed(1) } else { [0.0; 3] });
-                for channel in 0..3 {
-                    let albedo = if has_albedo { extra[channel] } else { 1.0 };
-                    out[channel] = divided[channel] * albedo;
+                    let mut of_level = [0, 1, 2, 3].map(|channel| enlarged[4 * image + channel]);
                     if self.gloss {
-                        out[channel] = plain[channel] + extra[3] * (out[channel] - plain[channel]);
+                        let images = [0, 4].map(|first| [0, 1, 2].map(|c| enlarged[first + c]));
+                        of_level[..3].copy_from_slice(&with_gloss(images[0], images[1], &extra[..3], extra[3]));
                     }
+                    mixed.iter_mut().zip(of_level).for_each(|(mixed, value)| *mixed += share * value);
+                }
+                for channel in 0..3 {
+                    let albedo = if self.gloss { 1.0 } else { extra[channel] };
+                    out[channel] = mixed[channel] / mixed[3] * albedo;
                     if let (Some([color, residual]), 0) = (&direct, image) {
                         let direct = color.token(x, y)[channel] + residual.token(x, y)[channel];
                         let averaged = out[channel].max(0.0).ln_1p();

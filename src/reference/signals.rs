@@ -91,7 +91,6 @@ impl Twin for InputSignal {
         let (exposure, blend) = (stats[EXPOSURE], frame.blend);
         let width = self.width as usize;
         let mut map = Map::zeros(self.dst.width as usize, self.dst.height as usize, self.dst.channels as usize);
-        let around = map.channels - 4;
         fill(&mut map, self.width, self.height, |x, y, token| {
             let given = match signal.kind {
                 SignalKind::Light => part(&mending, signal, exposure, (x, y)),
@@ -108,8 +107,8 @@ impl Twin for InputSignal {
             let infinite = || mending.infinite(x, y).0 * exposure;
             for (c, (given, beyond)) in given.into_iter().enumerate() {
                 token[c] = given;
-                token[around + c] = beyond.map_or_else(infinite, |beyond| blend * given + beyond);
-                token[around + 3] += f64::from(u32::from(beyond.is_none()) << c);
+                token[4 + c] = beyond.map_or_else(infinite, |beyond| blend * given + beyond);
+                token[7] += f64::from(u32::from(beyond.is_none()) << c);
             }
         });
         for (i, token) in map.values.chunks_exact_mut(map.channels).enumerate() {
@@ -118,12 +117,9 @@ impl Twin for InputSignal {
                 SignalKind::Light => demodulator(albedo.token(at.0, at.1)),
                 _ => [1.0; 3],
             };
-            let weight = taps.token(at.0, at.1)[3];
-            let given = [token[0], token[1], token[2]].map(|given| given * weight);
-            let divided = [0, 1, 2].map(|c| given[c] / divisor[c]);
-            for (image, values) in token[..around].chunks_exact_mut(4).zip([divided, given]) {
-                image[..3].copy_from_slice(&values);
-                image[3] = weight;
+            token[3] = taps.token(at.0, at.1)[3];
+            for c in 0..3 {
+                token[c] *= token[3] / divisor[c];
             }
         }
         let tiles = reference.tiles(&self.tiles, self.dst.width, self.dst.height);
@@ -149,13 +145,13 @@ impl Twin for OutputSignal {
                 continue;
             }
             let converged = map.map_or(0.0, |map| converged_share(map, self.filtered.width / MAP_TILE, x, y));
-            let direct = &input.token(x, y)[input.channels - 4..];
+            let direct = input.token(x, y);
             for c in 0..signal.channels {
                 let (clean, largest) = (clamp(color.token(x, y)[c] * inverse, most), stats[LARGEST + c]);
                 let cut = if signal.is_light() && clean > largest { largest / clean } else { 1.0 };
-                let alone = direct[3] as u32 >> c & 1 == 1;
+                let alone = direct[7] as u32 >> c & 1 == 1;
                 let kernels = if alone { 0.0 } else { (1.0 - blend) * filtered.token(x, y)[c] * inverse * cut };
-                let denoised = (kernels + direct[c] * inverse).clamp(-end, end);
+                let denoised = (kernels + direct[4 + c] * inverse).clamp(-end, end);
                 let own = Some(signal.samples(y * width + x)[c]).filter(|own| own.is_finite()).map_or(0.0, f64::from);
                 let mixed = match converged {
                     0.0 => denoised,

@@ -186,19 +186,6 @@ impl Cases {
         view
     }
 
-    /// The same of images side by side, each three channels of values times a weight, and the weight, which is that of the
-    /// first for all.
-    pub fn map_of_images(&mut self, size: (u32, u32), channels: u32, low: f32, high: f32) -> View {
-        let view = self.map_between(size, channels, low, high);
-        let Content::Floats(values) = &mut self.contents[view.buffer.0] else { return view };
-        let (first, stride) = (view.first as usize, view.stride as usize);
-        for token in values.chunks_exact_mut(stride) {
-            let weight = token[first + 3];
-            token[first..first + channels as usize].iter_mut().skip(3).step_by(4).for_each(|value| *value = weight);
-        }
-        view
-    }
-
     /// A map to write, somewhere in the channels and rows of a larger one.
     pub fn target(&mut self, (width, height): (u32, u32), channels: u32) -> View {
         let channels = channels.next_multiple_of(4);

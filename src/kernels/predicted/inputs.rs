@@ -27,8 +27,7 @@ pub struct KernelInputs {
     pub weights: BufferId,
     /// Pixels: what is predicted from, 32 channels.
     pub dst: View,
-    /// Pixels, 32-bit floats: the reliability times the image, and the reliability; of eight channels, the same of the
-    /// radiance that is not divided by the albedo.
+    /// Pixels, 32-bit floats: the reliability times the image, and the reliability.
     pub taps: View,
     /// Tiles of the tokens.
     pub tiles: Tiles,
@@ -44,7 +43,6 @@ impl KernelInputs {
 
     /// Four pixels a token, 32 hidden numbers each.
     fn accesses_on_matrices(&self) -> Accesses {
-        let images = u64::from(self.taps.channels / 4);
         let tiles = u64::from(self.tiles.count(self.tokens.width, self.tokens.height));
         let (pixels, rows) = (4 * TOKENS, MATRIX_ROWS as u64);
         // Of a token its channels, of a pixel colour and residual; of these two vectors each. Then every phase's
@@ -53,7 +51,7 @@ impl KernelInputs {
         let results = pixels * OUTPUTS / 4;
         Accesses {
             global_loads: tiles * (staged + 3 * results + 3 * pixels),
-            global_stores: tiles * (results + images * pixels),
+            global_stores: tiles * (results + pixels),
             shared_loads: tiles * (SUBGROUPS * (TOKENS + OUTPUTS) * rows / 8 + results + pixels),
             shared_stores: tiles * (staged + results + pixels),
         }
@@ -105,7 +103,7 @@ impl Kernel for KernelInputs {
             first_tile: self.tiles.first(),
             tile_count: self.tiles.count(self.tokens.width, self.tokens.height),
             flags: self.tiles.flags(self.tokens.width),
-            images: self.taps.channels / 4,
+            unused: 0,
         })
     }
 
@@ -139,6 +137,6 @@ impl Kernel for KernelInputs {
         let tokens = variant.contract.define("TX");
         let invocations = accesses::tokens(&self.tiles, &self.tokens) * 4 / tokens;
         let loads = 1 + tokens * (8 + 8 + 3) + 8 * (2 + accesses::row_loads(variant.contract, 40));
-        Some(Accesses::each(invocations, loads, tokens * (8 + u64::from(self.taps.channels / 4))))
+        Some(Accesses::each(invocations, loads, tokens * (8 + 1)))
     }
 }

@@ -4,7 +4,6 @@ use super::REACH;
 use crate::kernels::accesses::{self, Accesses};
 use crate::kernels::contracts;
 use crate::kernels::pushes::{ApplyKernelsPush, HalvePush, MixLevelsPush};
-use crate::kernels::signals::SignalKind;
 use crate::kernels::{
     Access, Addresses, Footprint, Grid, Kernel, KernelTarget, PushBytes, Scale, Storage, TexelRange, Tiles, Variant,
     View, flags, groups,
@@ -15,15 +14,28 @@ use crate::kernels::{
 pub struct Halve {
     /// Input.
     pub src: View,
+    /// Albedo in the first three channels, where the output has one image more than the input, which is one: that of
+    /// the radiance that was not divided by the albedo.
+    pub albedo: Option<View>,
     /// Output, of half the size.
     pub dst: View,
     /// Tiles of the output.
     pub tiles: Tiles,
 }
 
+impl Halve {
+    fn albedo_or_src(&self) -> View {
+        self.albedo.unwrap_or(self.src)
+    }
+}
+
 impl Kernel for Halve {
     fn choose(&self, target: KernelTarget) -> Variant {
-        Variant::plain(if target.cpu_with(&self.texels()) { &contracts::HALVE_CPU } else { &contracts::HALVE })
+        Variant::plain(match (target.cpu_with(&self.texels()), self.albedo_or_src().storage) {
+            (true, _) => &contracts::HALVE_CPU,
+            (false, Storage::F32) => &contracts::HALVE,
+            (false, Storage::F16) => &contracts::HALVE_BY_F16,
+        })
     }
 
     fn groups(&self, _: &Variant) -> [u32; 3] {
@@ -39,31 +51,36 @@ impl Kernel for Halve {
     }
 
     fn push(&self, at: &Addresses) -> PushBytes {
+        let albedo = self.albedo_or_src();
         PushBytes::new(&HalvePush {
             src: at.view(&self.src),
+            albedo: at.view(&albedo),
             dst: at.view(&self.dst),
             tiles: at.tiles(&self.tiles),
             width: self.dst.width,
             src_stride: self.src.stride / 4,
             dst_stride: self.dst.stride / 4,
-            channels: self.dst.channels / 4,
+            channels: self.src.channels / 4,
             first_tile: self.tiles.first(),
             tile_count: self.tiles.count(self.dst.width, self.dst.height),
-            flags: self.tiles.flags(self.dst.width),
-            unused: 0,
+            flags: self.tiles.flags(self.dst.width) | self.albedo.map_or(0, |_| flags::GLOSS),
+            albedo_stride: albedo.stride / 4,
         })
     }
 
     fn maps(&mut self, visit: &mut dyn FnMut(&mut View, Access)) {
-        visit(&mut self.src, Access::Read(Footprint::Finer));
+        for map in [Some(&mut self.src), self.albedo.as_mut()].into_iter().flatten() {
+            visit(map, Access::Read(Footprint::Finer));
+        }
         visit(&mut self.dst, Access::Write(Scale::Same));
     }
 
     fn texels(&self) -> Vec<TexelRange> {
-        vec![(&self.src).into()]
+        vec![(&self.src).into(), (&self.albedo_or_src()).into()]
     }
 
     fn accesses(&self, _: &Variant) -> Option<Accesses> {
+        // Of the image, and where there are two of the albedo.
         let vectors = u64::from(self.dst.channels / 4);
         Some(Accesses::each(accesses::tokens(&self.tiles, &self.dst), 4 * vectors, vectors))
     }
@@ -153,12 +170,10 @@ pub struct MixLevels {
     pub pixels: View,
     /// [`ApplyKernels::dst`] of every level, the finest (2x2 pixels) first: two or four of them.
     pub levels: Vec<View>,
-    /// Whether the picture is a signal beside the colour: not times the albedo, where it is no light.
-    pub of_signal: bool,
     /// log1p of the exposed colour, and what the network adds to it, where the gate counts.
     pub direct: Option<(View, View)>,
-    /// Whether there are two images for one picture: the first, times the albedo, by the share that the pixels have in
-    /// the gate's place, and the second, which was not divided by it, by the rest.
+    /// Whether the levels have two images: by the gate the one that was divided by the albedo, times it, and by the rest
+    /// the other.
     pub gloss: bool,
     /// Of every image three channels of exposed radiance and a zero.
     pub dst: View,
@@ -215,18 +230,13 @@ impl Kernel for MixLevels {
             color_stride: color.stride / 4,
             residual_stride: residual.stride / 4,
             dst_stride: self.dst.stride / 4,
-            images: self.levels.first().map_or(0, |level| level.channels / 4),
+            images: self.dst.channels / 4,
             levels: self.levels.len() as u32,
             first_tile: self.tiles.first(),
             tile_count: self.tiles.count(self.dst.width, self.dst.height),
             flags: self.tiles.flags(self.dst.width)
                 | self.direct.map_or(0, |_| flags::GATED)
-                | if self.gloss { flags::GLOSS } else { 0 }
-                | if self.of_signal && !at.frame.signal.is_some_and(|signal| signal.kind == SignalKind::Light) {
-                    flags::NO_ALBEDO
-                } else {
-                    0
-                },
+                | if self.gloss { flags::GLOSS } else { 0 },
         })
     }
 
@@ -250,10 +260,10 @@ impl Kernel for MixLevels {
     }
 
     fn accesses(&self, _: &Variant) -> Option<Accesses> {
-        let (pictures, levels) = (u64::from(self.dst.channels / 4), self.levels.len() as u64);
-        let images = pictures * (1 + u64::from(self.gloss));
+        let (images, levels) = (u64::from(self.dst.channels / 4), self.levels.len() as u64);
         let direct = 2 * u64::from(self.direct.is_some());
-        let loads = 2 + images * (1 + 4 * levels) + direct;
-        Some(Accesses::each(accesses::tokens(&self.tiles, &self.dst), loads, pictures))
+        let of_levels = 4 * levels * (1 + u64::from(self.gloss));
+        let loads = 2 + images * (1 + of_levels) + direct;
+        Some(Accesses::each(accesses::tokens(&self.tiles, &self.dst), loads, images))
     }
 }

@@ -5,9 +5,10 @@ use crate::kernels::accesses::matrix::{OUTPUTS, TOKENS};
 use crate::kernels::accesses::{self, Accesses};
 use crate::kernels::contracts;
 use crate::kernels::pushes::PredictKernelsPush;
+use crate::kernels::signals::SignalKind;
 use crate::kernels::{
     Access, Addresses, Arithmetic, BufferId, Grid, Kernel, KernelTarget, PushBytes, Scale, Storage, TILE, TexelRange,
-    Tiles, Traffic, Variant, View, groups,
+    Tiles, Traffic, Variant, View, flags, groups,
 };
 
 /// The kernels of every pixel, predicted and applied at full size ([`crate::net::OpKind::PredictKernels`]).
@@ -15,14 +16,18 @@ use crate::kernels::{
 pub struct PredictKernels {
     /// What is predicted from, 32 channels.
     pub hidden: View,
-    /// Of one image or two the reliability times it, and the reliability; 32-bit floats.
+    /// The reliability times the image, and the reliability; 32-bit floats.
     pub taps: View,
     /// Albedo in the first three channels.
     pub albedo: View,
     /// Packed weights ([`crate::plan::pack::Pack::Kernels`]), on matrices [`crate::plan::pack::Pack::KernelsMatrix`].
     pub weights: BufferId,
-    /// Of every image the mean times the first level's share and the share; the mean albedo and the gate (or the share
-    /// that is divided by the albedo), the other levels' shares; 32-bit floats.
+    /// Whether the radiance is averaged as it is too: the gate is the share of the other mean, times the albedo.
+    pub gloss: bool,
+    /// Whether the image is of a signal beside the colour: not divided by the albedo, where it is no light.
+    pub of_signal: bool,
+    /// The mean times the first level's share and the share, the mean albedo and the gate, the other levels' shares;
+    /// 32-bit floats.
     pub dst: View,
     /// Tiles of the pixels.
     pub tiles: Tiles,
@@ -36,21 +41,26 @@ impl PredictKernels {
         self.hidden.is_vectors_of_halves()
     }
 
-    fn images(&self) -> u64 {
-        u64::from(self.taps.channels / 4)
+    /// Whether the image was divided by the albedo.
+    fn has_albedo(&self, at: &Addresses) -> bool {
+        !self.of_signal || at.frame.signal.is_some_and(|signal| signal.kind == SignalKind::Light)
+    }
+
+    /// Vectors that so many taps of the image are: with the albedo, where the radiance is averaged as it is too.
+    fn taps_read(&self, taps: u64) -> u64 {
+        if self.gloss { 2 * taps } else { taps }
     }
 
     /// 48 outputs a pixel by two subgroups, and 25 and nine taps.
     fn accesses_on_matrices(&self) -> Accesses {
         let tiles = u64::from(self.tiles.count(self.dst.width, self.dst.height));
         let (rows, outputs) = (OUTPUTS, 48);
-        let planes = self.images() + 1;
-        let staged = TOKENS * rows / 8 + planes * u64::from((TILE + 4) * (TILE + 4)) + rows * outputs / 8;
+        let staged = TOKENS * rows / 8 + 2 * u64::from((TILE + 4) * (TILE + 4)) + rows * outputs / 8;
         let results = TOKENS * outputs / 4;
         Accesses {
             global_loads: tiles * (staged + results),
-            global_stores: tiles * TOKENS * (self.images() + 2),
-            shared_loads: tiles * ((TOKENS + 2 * outputs) * rows / 8 + results + TOKENS * (25 * self.images() + 9)),
+            global_stores: tiles * TOKENS * 3,
+            shared_loads: tiles * ((TOKENS + 2 * outputs) * rows / 8 + results + TOKENS * (self.taps_read(25) + 9)),
             shared_stores: tiles * (staged + results),
         }
     }
@@ -98,15 +108,17 @@ impl Kernel for PredictKernels {
             dst_stride: self.dst.stride / 4,
             first_tile: self.tiles.first(),
             tile_count: self.tiles.count(self.dst.width, self.dst.height),
-            flags: self.tiles.flags(self.dst.width),
-            images: self.taps.channels / 4,
+            flags: self.tiles.flags(self.dst.width)
+                | if self.gloss { flags::GLOSS } else { 0 }
+                | if self.has_albedo(at) { 0 } else { flags::NO_ALBEDO },
+            unused: 0,
         })
     }
 
     fn maps(&mut self, visit: &mut dyn FnMut(&mut View, Access)) {
         visit(&mut self.hidden, Access::SAME);
         visit(&mut self.taps, Access::around(1, REACH));
-        visit(&mut self.albedo, Access::around(1, ALBEDO_REACH));
+        visit(&mut self.albedo, Access::around(1, if self.gloss { REACH } else { ALBEDO_REACH }));
         visit(&mut self.dst, Access::Write(Scale::Same));
     }
 
@@ -131,15 +143,14 @@ impl Kernel for PredictKernels {
         let tiles = u64::from(self.tiles.count(self.dst.width, self.dst.height));
         let invocations = accesses::tokens(&self.tiles, &self.dst) / pixels;
         let loads = pixels * 8 + 12 * (1 + accesses::row_loads(contract, 32));
-        let mut accesses = Accesses::each(invocations, loads, (self.images() + 2) * pixels);
+        let mut accesses = Accesses::each(invocations, loads, 3 * pixels);
         // Taps beyond the last one are read too.
-        let taps = invocations * pixels * (28 * self.images() + 12);
+        let taps = invocations * pixels * (self.taps_read(28) + 12);
         match contract.has("TEXELS") {
             true => accesses.global_loads += taps,
             false => {
-                let staged = tiles * (self.images() + 1) * 144;
-                accesses.global_loads += staged;
-                (accesses.shared_loads, accesses.shared_stores) = (taps, staged);
+                accesses.global_loads += tiles * 2 * 144;
+                (accesses.shared_loads, accesses.shared_stores) = (taps, tiles * 2 * 144);
             }
         }
         Some(accesses)
