@@ -19,8 +19,8 @@ def inputs(height, width, channels=8):
     return [*maps, tokens, log_color, log_color + 0.3 * draw(1, 3, height, width), albedo]
 
 
-def random_head(levels, gated):
-    head = KernelHead(8, levels, gated)
+def random_head(levels, gated, gloss=False):
+    head = KernelHead(8, levels, gated, gloss)
     return hashweights.fill(torch.nn.ModuleDict({"head": head}), 5)["head"].double()
 
 
@@ -43,7 +43,8 @@ def naive(head, x0, f0, tokens, log_color, direct, albedo, y, x):
     full = head.out_full(h)
     reliability = torch.sigmoid(-full[..., 25])
     a = demodulator(albedo)[0]
-    image = log_color[0].expm1() / a
+    radiance = log_color[0].expm1()
+    image = torch.cat([radiance / a, radiance])
     shares = full[y, x, 26:29]
     if len(head.levels) > 3:
         shares = torch.cat([shares, head.out_more(h[y, x])])
@@ -62,17 +63,20 @@ def naive(head, x0, f0, tokens, log_color, direct, albedo, y, x):
             share = (1 - abs(at_y - r)) * (1 - abs(at_x - c))
             level = level + share * filtered(min(max(r, 0), rows - 1), min(max(c, 0), columns - 1))
         mixed = mixed + shares[i + 1] * level
-    out = (mixed * naive_average(full[y, x, 30:], torch.ones_like(reliability), a, y, x)).log1p()
     gate = full[y, x, 29].sigmoid()
+    out = mixed[:3] * naive_average(full[y, x, 30:], torch.ones_like(reliability), a, y, x)
+    if head.gloss:
+        out = gate * out + (1 - gate) * mixed[3:]
+    out = out.log1p()
     return (1 - gate) * direct[0, :, y, x] + gate * out if head.gated else out
 
 
 class HeadTest(unittest.TestCase):
     def test_is_the_naive_loop(self):
         for levels in (FEWEST, MOST):
-            for gated in (True, False):
-                with self.subTest(levels=levels, gated=gated), torch.inference_mode():
-                    head, given = random_head(levels, gated), inputs(32, 48)
+            for gated, gloss in ((True, False), (False, False), (False, True)):
+                with self.subTest(levels=levels, gated=gated, gloss=gloss), torch.inference_mode():
+                    head, given = random_head(levels, gated, gloss), inputs(32, 48)
                     found = head(*given)
                     for y, x in ((0, 0), (31, 47), (1, 46), (13, 20), (16, 31)):
                         torch.testing.assert_close(found[0, :, y, x], naive(head, *given, y, x))
@@ -87,16 +91,29 @@ class HeadTest(unittest.TestCase):
         self.assertTrue(torch.autograd.gradcheck(WeightedSum.apply, (weights, image)))
 
     def test_pure_kernels_keep_a_constant_and_black(self):
+        for gloss in (False, True):
+            with self.subTest(gloss=gloss), torch.inference_mode():
+                head, (x0, f0, tokens, color, direct, albedo) = random_head(MOST, False, gloss), inputs(32, 48)
+                flat, grey = torch.full_like(color, 3.0), torch.full_like(albedo, 0.3)
+                torch.testing.assert_close(head(x0, f0, tokens, flat, direct, grey), flat)
+                black = head(x0, f0, tokens, torch.zeros_like(color), direct, albedo)
+                self.assertEqual(float(black.abs().max()), 0.0)
+
+    def test_gloss_shows_no_texture_of_what_reflects(self):
+        """Where nothing is divided by the albedo, a constant stays what it is on any albedo."""
         with torch.inference_mode():
-            head, (x0, f0, tokens, color, direct, albedo) = random_head(MOST, False), inputs(32, 48)
-            flat, grey = torch.full_like(color, 3.0), torch.full_like(albedo, 0.3)
-            torch.testing.assert_close(head(x0, f0, tokens, flat, direct, grey), flat)
-            black = head(x0, f0, tokens, torch.zeros_like(color), direct, albedo)
-            self.assertEqual(float(black.abs().max()), 0.0)
+            head, (x0, f0, tokens, color, direct, albedo) = random_head(MOST, False, True), inputs(32, 48)
+            head.out_full.weight[29], head.out_full.bias[29] = 0.0, -60.0
+            flat = torch.full_like(color, 3.0)
+            torch.testing.assert_close(head(x0, f0, tokens, flat, direct, albedo), flat)
 
     def test_other_levels_are_refused(self):
         with self.assertRaisesRegex(ValueError, "levels"):
             KernelHead(8, (1, 2), False)
+
+    def test_gate_or_gloss(self):
+        with self.assertRaisesRegex(ValueError, "gloss"):
+            KernelHead(8, MOST, True, True)
 
 
 if __name__ == "__main__":
