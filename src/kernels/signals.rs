@@ -18,9 +18,9 @@ use crate::frame::Region;
 #[derive(Clone, Copy, Debug, PartialEq, Eq, Hash)]
 pub enum SignalKind {
     /// A part of the light, three channels of linear radiance: a light group, direct or indirect light, a material's
-    /// part. It is filtered as the colour is, divided by the albedo and multiplied again, so that parts that add up
-    /// to the colour do so afterwards: within 1e-5 of the colour where all of them are finite. Negative samples count
-    /// as they are, but where the colour is negative the part is 0 too.
+    /// part. It is filtered as the colour is, the same share of it divided by the albedo and multiplied again, so that
+    /// parts that add up to the colour do so afterwards: within 1e-5 of the colour where all of them are finite.
+    /// Negative samples count as they are, but where the colour is negative the part is 0 too.
     Light,
     /// Anything else, one or three channels: averaged as it is.
     Value,

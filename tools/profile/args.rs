@@ -27,7 +27,8 @@ pub enum Command {
         /// Which network
         #[arg(long, value_name = "A", default_value = "hybrid", value_parser = Arch::NAMES)]
         arch: String,
-        /// How its last maps become the picture: residual, or predicted kernels, pure or gated with the residual
+        /// How its last maps become the picture: residual, or predicted kernels: pure, with gloss (not all of the light
+        /// is divided by the albedo), or gated with the residual
         #[arg(long, value_name = "H", default_value = "residual")]
         head: Head,
         /// Frame size
@@ -112,7 +113,8 @@ pub enum Command {
         /// Which network
         #[arg(long, value_name = "A", default_value = "hybrid", value_parser = Arch::NAMES)]
         arch: String,
-        /// How its last maps become the picture: residual, or predicted kernels, pure or gated with the residual
+        /// How its last maps become the picture: residual, or predicted kernels: pure, with gloss (not all of the light
+        /// is divided by the albedo), or gated with the residual
         #[arg(long, value_name = "H", default_value = "residual")]
         head: Head,
         /// Frame size
