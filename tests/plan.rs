@@ -56,7 +56,8 @@ fn plans_in(extent: Extent, max_block_bytes: u64) -> Vec<(String, Plan)> {
     let halves = Target { storage: Storage::F16, max_block_bytes, ..Target::default() };
     let banded = Target { max_chain_bytes: 1 << 17, max_block_bytes, ..Target::default() };
     let keeping = Target { keep_features: true, max_block_bytes, ..Target::default() };
-    let headed = [Head::pure(), Head::gloss(), Head::gated()].map(|head| Graph::new(&Arch { head, ..Arch::hybrid() }).unwrap());
+    let headed =
+        [Head::pure(), Head::gloss(), Head::gated()].map(|head| Graph::new(&Arch { head, ..Arch::hybrid() }).unwrap());
     let headed = headed.iter().flat_map(|graph| [halves, banded].map(|options| (graph, options)));
     let headed: Vec<_> = headed
         .map(|(graph, options)| {
