@@ -78,7 +78,7 @@ ivec2 offset_in_3x3(uint tap) {
     return ivec2(tap - 3u * row, row) - 1;
 }
 
-// Of flags of what works on images: of a signal that was not divided by the albedo; of two images, one as it is.
+// The image is of a signal that was not divided by the albedo; beside the image there is what it was before it was divided.
 const uint FLAG_NO_ALBEDO = 4u;
 const uint FLAG_GLOSS = 8u;
 

@@ -60,7 +60,7 @@ fi
 network() {
   local name=$1 size=$2 tier=$3 repeat=$4 arch=(--arch "$1")
   shift 4
-  [ "$name" != kernels ] || arch=(--arch hybrid --head pure)
+  [ "$name" != kernels ] || arch=(--arch hybrid --head gloss)
   step "network-$name-$size-$tier.json" 60 bin/vkdenoise-profile network "${arch[@]}" --size "$size" --precision "$tier" \
     --repeat "$repeat" --warm-up 5 --json "$@"
 }
@@ -81,7 +81,7 @@ sweep() {
   for choice in "$@"; do
     name=${choice#--}
     # shellcheck disable=SC2086
-    step "sweep-kernels-$size-${name// /=}.json" 60 bin/vkdenoise-profile network --head pure --size "$size" --precision matrix \
+    step "sweep-kernels-$size-${name// /=}.json" 60 bin/vkdenoise-profile network --head gloss --size "$size" --precision matrix \
       --repeat 15 --warm-up 5 --json $choice
   done
 }

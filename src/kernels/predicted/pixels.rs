@@ -46,7 +46,7 @@ impl PredictKernels {
         !self.of_signal || at.frame.signal.is_some_and(|signal| signal.kind == SignalKind::Light)
     }
 
-    /// Vectors that so many taps of the image are: with the albedo, where the radiance is averaged as it is too.
+    /// Vectors that are read for so many taps of the image: of the albedo as many, where the radiance is averaged too.
     fn taps_read(&self, taps: u64) -> u64 {
         if self.gloss { 2 * taps } else { taps }
     }
