@@ -63,13 +63,13 @@ vec4 predicted(uint token, uint vector) {
     return staged_sum(token, vector) + LOAD_WEIGHTS(weights, BIASES_AT + vector);
 }
 
-// The mean of `taps` taps around a pixel of the tile, by the outputs of the vectors from `first` on; with gloss of the
-// image also as it was before it was divided by the albedo.
+// Of an image, and with gloss of what it was before it was divided by the albedo.
 struct Means {
     vec3 mean;
     vec3 undivided;
 };
 
+// Over `taps` taps around a pixel of the tile, by the outputs of the vectors from `first` on.
 Means means_of_taps(uint token, ivec2 own, bool of_albedo, uint first, const uint taps) {
     Average average = no_average();
     vec4 undivided = vec4(0.0);

@@ -78,9 +78,8 @@ ivec2 offset_in_3x3(uint tap) {
     return ivec2(tap - 3u * row, row) - 1;
 }
 
-// The image is of a signal that was not divided by the albedo; beside the image there is what it was before it was divided.
-const uint FLAG_NO_ALBEDO = 4u;
-const uint FLAG_GLOSS = 8u;
+const uint FLAG_NO_ALBEDO = 4u;                // the image is of a signal, not divided by the albedo
+const uint FLAG_GLOSS = 8u;                    // what it was before it was divided is averaged too
 
 // A share `gate` of what was divided by the albedo, times it, and for the rest what was not.
 vec3 with_gloss(vec3 divided, vec3 undivided, vec3 albedo, float gate) {

@@ -157,6 +157,10 @@ mod tests {
         let json = serde_json::to_string(&pure).unwrap();
         assert!(json.ends_with(r#","head":{"kind":"kernels","levels":[1,2,4,8,16],"gated":false}}"#), "{json}");
         assert_eq!(serde_json::from_str::<Arch>(&json).unwrap(), pure);
+        let gloss = Arch { head: Head::gloss(), ..Arch::hybrid() };
+        let with_gloss = serde_json::to_string(&gloss).unwrap();
+        assert!(with_gloss.ends_with(r#""levels":[1,2,4,8,16],"gated":false,"gloss":true}}"#), "{with_gloss}");
+        assert_eq!(serde_json::from_str::<Arch>(&with_gloss).unwrap(), gloss);
         let without = serde_json::to_string(&Arch::hybrid()).unwrap();
         assert!(!without.contains("head\""), "{without}");
         let named = without.replace("}}}", r#"}},"head":"residual"}"#);
@@ -174,7 +178,9 @@ mod tests {
         shallow.stages.truncate(2);
         let mut wide = with(&[1, 2, 4], false);
         wide.decoder = Decoder::Baseline;
+        let both = Head::Kernels(KernelHead { levels: vec![1, 2, 4], gated: true, gloss: true });
         let cases = [
+            ("gloss", Arch { head: both, ..Arch::hybrid() }),
             ("levels", with(&[], false)),
             ("levels", with(&[1, 2], false)),
             ("levels", with(&[1, 2, 4, 8], false)),
