@@ -6,7 +6,7 @@ use crate::memory::{self, MemoryRequired};
 use crate::net::graph::Graph;
 use crate::net::weights::{ExposureRule, Weights, WeightsError};
 use crate::options::{Exposure, Options};
-use crate::plan::{Packing, Plan, packing, plan, plan_in};
+use crate::plan::{Networks, Packing, Plan, packing, packing_after, plan, plan_in};
 use crate::signals;
 use crate::target::Target;
 use crate::vk::device::Device;
@@ -25,6 +25,8 @@ const MOST_CHAIN_BYTES: u64 = 256 << 20;
 pub(crate) struct Engine {
     pub device: Device,
     pub graph: Graph,
+    /// The network of the turned frame, where that is another.
+    pub turned: Option<Graph>,
     /// What its plans are made for.
     pub target: Target,
     pub weights: Buffer,
@@ -47,38 +49,49 @@ impl Engine {
     pub fn for_target(device: &Device, weights: &Weights, options: &Options, target: Target) -> Result<Self> {
         if target.signals {
             signals::check_head(weights.arch())?;
+            weights.turned().map_or(Ok(()), |other| signals::check_head(other.arch()))?;
         }
+        let partner = weights.turned().filter(|_| target.self_ensemble);
         let graph = Graph::new(weights.arch()).map_err(WeightsError::from)?;
-        let packing = packing(&graph, &target);
-        let engine = Self::with_packing(device, graph, &packing, weights, target)?;
+        let turned = partner.map(|other| Graph::new(other.arch())).transpose().map_err(WeightsError::from)?;
+        let own = packing(&graph, &target);
+        let of_turned = turned.as_ref().map(|graph| packing_after(&own, graph, &target));
+        let packings: Vec<_> = [(&own, weights)].into_iter().chain(of_turned.as_ref().zip(partner)).collect();
+        let engine = Self { turned, ..Self::with_packing(device, graph, &packings, target)? };
         let converged_threshold = options.converged.map_or(0.0, |converged| converged.threshold);
         let Options { memory_budget, label_kernels, .. } = *options;
         Ok(Self { memory_budget, converged_threshold, label_kernels, ..engine })
     }
 
-    /// For plans that are made for `target` and read the weights as `packing` has them.
+    /// For plans that are made for `target` and read the weights as the packings have them: of the frame's own network,
+    /// then of the turned one's.
     pub fn with_packing(
         device: &Device,
         graph: Graph,
-        packing: &Packing,
-        weights: &Weights,
+        packings: &[(&Packing, &Weights)],
         target: Target,
     ) -> Result<Self> {
+        let (_, own) = packings[0];
         Ok(Self {
-            weights: upload(device, packing, weights)?,
+            weights: upload(device, packings)?,
             device: device.clone(),
             graph,
+            turned: None,
             target,
-            exposure_rule: weights.preprocessing().exposure,
+            exposure_rule: own.preprocessing().exposure,
             converged_threshold: 0.0,
             label_kernels: false,
             memory_budget: None,
         })
     }
 
+    fn networks(&self) -> Networks<'_> {
+        Networks { own: &self.graph, turned: self.turned.as_ref() }
+    }
+
     /// The plan of a frame size on this device.
     pub fn plan(&self, extent: Extent) -> Result<Plan> {
-        plan(&self.graph, extent, &self.target)
+        plan(self.networks(), extent, &self.target)
     }
 
     /// The plan of a frame size in an arena that is there. Where it takes more than that, as frames just below the size
@@ -87,7 +100,7 @@ impl Engine {
     pub fn plan_in(&self, extent: Extent, blocks: &[u64]) -> Result<Plan> {
         let mut target = self.target;
         loop {
-            match plan_in(&self.graph, extent, &target, blocks) {
+            match plan_in(self.networks(), extent, &target, blocks) {
                 Err(Error::FrameTooLarge { .. }) if target.overlap_bytes > 0 => target.overlap_bytes = 0,
                 Err(Error::FrameTooLarge { .. }) if target.max_kept_bytes > 0 => target.max_kept_bytes = 0,
                 Err(Error::FrameTooLarge { .. }) if target.max_chain_bytes > LEAST_CHAIN_BYTES => {
@@ -106,7 +119,7 @@ impl Engine {
 
     /// The plan of a frame size in less memory, for a little more work: the bits are the same.
     pub fn narrow_plan(&self, extent: Extent) -> Result<Plan> {
-        plan(&self.graph, extent, &self.narrow_target())
+        plan(self.networks(), extent, &self.narrow_target())
     }
 
     fn narrow_target(&self) -> Target {
@@ -184,12 +197,16 @@ pub(crate) fn target(device: &Device, options: &Options) -> Result<Target> {
 
 /// Packs the weights into the device's own memory, by a copy; on a renderer's device that lends no queue for it, into
 /// memory that the host can write too.
-fn upload(device: &Device, packing: &Packing, weights: &Weights) -> Result<Buffer> {
-    let mut packed = Buffer::new(device, "packed weights", packing.bytes(), MemoryLocation::CpuToGpu)?;
-    packing.write(weights, packed.bytes_mut())?;
+fn upload(device: &Device, packings: &[(&Packing, &Weights)]) -> Result<Buffer> {
+    let bytes = packings.last().map_or(0, |(packing, _)| packing.bytes());
+    let mut packed = Buffer::new(device, "packed weights", bytes, MemoryLocation::CpuToGpu)?;
+    packed.bytes_mut().fill(0);
+    for (packing, weights) in packings {
+        packing.write(weights, packed.bytes_mut())?;
+    }
     let Some(queue) = device.upload_queue() else { return Ok(packed) };
-    let own = Buffer::new(device, "weights", packing.bytes(), MemoryLocation::GpuOnly)?;
-    let copy = [vk::BufferCopy { src_offset: 0, dst_offset: 0, size: packing.bytes() }];
+    let own = Buffer::new(device, "weights", bytes, MemoryLocation::GpuOnly)?;
+    let copy = [vk::BufferCopy { src_offset: 0, dst_offset: 0, size: bytes }];
     let mut submission = Submission::new(device)?;
     submission.record(|commands| {
         let copied = (vk::PipelineStageFlags::TRANSFER, vk::AccessFlags::TRANSFER_WRITE);

@@ -63,7 +63,7 @@ impl PartRunner {
         };
         let plan = plan_part(graph, extent, &target)?;
         let packing = packing_of_part(graph, &target);
-        let engine = Arc::new(Engine::with_packing(device, graph.clone(), &packing, weights, target)?);
+        let engine = Arc::new(Engine::with_packing(device, graph.clone(), &[(&packing, weights)], target)?);
         let pass = Pass::of_plan(&engine, plan)?;
         // SAFETY: no images.
         let binding = unsafe { pass.bind(None, engine.target.kernels, &Planes::default(), &[]) }?;

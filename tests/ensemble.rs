@@ -3,7 +3,7 @@
 
 mod common;
 
-use common::case::small_hybrid;
+use common::case::{small, small_hybrid};
 use common::compare::{assert_same_bits, nmse};
 use common::device::{assert_no_validation_messages, device};
 use common::image::RendererImage;
@@ -11,13 +11,13 @@ use common::random::Random;
 use common::vulkan::Renderer;
 use std::ops::ControlFlow;
 use vkdenoise::kernels::Call;
-use vkdenoise::net::Head;
+use vkdenoise::net::{Arch, Head};
 use vkdenoise::reference::Reference;
 use vkdenoise::testing::{Bench, cut_into_tiles, overwrite_memory};
 use vkdenoise::{
     BufferFrame, BufferPlane, BufferSignal, Converged, ConvergedMode, Denoiser, Device, Error, Extent, Features, Frame,
     FrameOptions, FrameStatistics, ImageFormat, ImageFrame, Layout, Options, Plane, PlaneMut, Precision, Progress,
-    Region, SampleFormat, Signal, SignalKind,
+    Region, SampleFormat, Signal, SignalKind, Weights, WeightsError,
 };
 
 /// No multiple of a tile, so that these lie elsewhere in the turned frame.
@@ -29,8 +29,24 @@ fn ensemble() -> Options {
     Options { self_ensemble: true, signals: true, ..Options::default() }
 }
 
-fn denoiser(options: &Options) -> Denoiser {
-    Denoiser::new(device(), &small_hybrid(Head::gloss()), options).unwrap()
+/// One network for both frames, and one for each.
+fn one() -> Weights {
+    small_hybrid(Head::gloss())
+}
+
+fn two() -> Weights {
+    let other = Arch { head: Head::gloss(), ..Arch::expanded_patch() };
+    one().averaged_with(small(other, 5)).unwrap()
+}
+
+fn denoiser(weights: &Weights, options: &Options) -> Denoiser {
+    Denoiser::new(device(), weights, options).unwrap()
+}
+
+/// Of the frame and of the turned frame alone.
+fn alone(weights: &Weights, options: &Options) -> [Denoiser; 2] {
+    let options = Options { self_ensemble: false, ..*options };
+    [weights, weights.turned().unwrap_or(weights)].map(|weights| denoiser(weights, &options))
 }
 
 /// Planes of a frame and of what goes with it, interleaved.
@@ -117,10 +133,10 @@ fn denoise(denoiser: &mut Denoiser, picture: &Picture, progress: Option<&mut Pro
 }
 
 /// The mean of what the frame and the turned frame give by themselves.
-fn mean(options: &Options, picture: &Picture) -> Results {
-    let mut alone = denoiser(&Options { self_ensemble: false, ..*options });
-    let upright = denoise(&mut alone, picture, None);
-    let turned = denoise(&mut alone, &picture.turned(), None);
+fn mean(weights: &Weights, options: &Options, picture: &Picture) -> Results {
+    let [mut own, mut other] = alone(weights, options);
+    let upright = denoise(&mut own, picture, None);
+    let turned = denoise(&mut other, &picture.turned(), None);
     let mut means = upright;
     for ((mean, turned), channels) in means.iter_mut().zip(&turned).zip(CHANNELS) {
         let turned = turn(turned, channels);
@@ -143,9 +159,10 @@ fn it_is_the_mean_of_two_runs() {
     if Bench::can_store_halves(device()) {
         cases.push(("halves, blended", Options { precision: Precision::F16, blend: 0.25, ..ensemble() }));
     }
-    for (what, options) in cases {
-        let expected = mean(&options, &picture);
-        let mut denoiser = denoiser(&options);
+    for ((what, options), weights) in cases.into_iter().flat_map(|case| [(case, one()), (case, two())]) {
+        let what = &format!("{what}, {}", if weights.turned().is_some() { "two networks" } else { "one" });
+        let expected = mean(&weights, &options, &picture);
+        let mut denoiser = denoiser(&weights, &options);
         assert_same(&denoise(&mut denoiser, &picture, None), &expected, what);
         // Again, with what is left of the last run in memory.
         assert_same(&denoise(&mut denoiser, &picture, None), &expected, what);
@@ -184,7 +201,12 @@ fn it_is_the_mean_of_two_runs() {
 /// In one piece, and in five bands to the picture.
 #[test]
 fn a_frame_of_colour_alone() {
-    for (extent, max_chain_bytes) in [(EXTENT, None), (Extent::new(70, 517), Some(1 << 14))] {
+    for (extent, max_chain_bytes, weights) in [
+        (EXTENT, None, one()),
+        (Extent::new(70, 517), Some(1 << 14), one()),
+        (EXTENT, None, two()),
+        (Extent::new(70, 517), Some(1 << 14), two()),
+    ] {
         let color = Random::new(2).values(3 * extent.pixels() as usize, 0.0, 2.0);
         let rgb = Layout::interleaved(extent, 3);
         let run = |denoiser: &mut Denoiser, color: &[f32]| {
@@ -194,10 +216,10 @@ fn a_frame_of_colour_alone() {
             output
         };
         let options = Options { max_chain_bytes, ..Options::default() };
-        let mut alone = denoiser(&options);
-        let turned = turn(&run(&mut alone, &turn(&color, 3)), 3);
-        let expected: Vec<f32> = run(&mut alone, &color).iter().zip(turned).map(|(a, b)| 0.5 * a + 0.5 * b).collect();
-        let mut averaging = denoiser(&Options { self_ensemble: true, ..options });
+        let [mut own, mut other] = alone(&weights, &options);
+        let turned = turn(&run(&mut other, &turn(&color, 3)), 3);
+        let expected: Vec<f32> = run(&mut own, &color).iter().zip(turned).map(|(a, b)| 0.5 * a + 0.5 * b).collect();
+        let mut averaging = denoiser(&weights, &Options { self_ensemble: true, ..options });
         assert_same_bits(&run(&mut averaging, &color), &expected, &format!("{extent:?}"));
         let pass = averaging.pass(extent).unwrap();
         let outputs = pass.plan().dispatches.iter().filter(|dispatch| matches!(dispatch.call, Call::Output(_)));
@@ -207,12 +229,15 @@ fn a_frame_of_colour_alone() {
 
 #[test]
 fn the_f64_twin_agrees() {
-    let weights = small_hybrid(Head::gloss());
+    [one(), two()].iter().for_each(agrees_with_its_twin);
+}
+
+fn agrees_with_its_twin(weights: &Weights) {
     let picture = Picture::new(3);
-    let mut denoiser = denoiser(&ensemble());
+    let mut denoiser = denoiser(weights, &ensemble());
     let [color, light, _] = denoise(&mut denoiser, &picture, None);
     let pass = denoiser.pass(EXTENT).unwrap();
-    let mut reference = Reference::new(pass.plan(), &weights).unwrap();
+    let mut reference = Reference::new(pass.plan(), weights).unwrap();
     let plane = Plane::f32(&picture.light, Layout::interleaved(EXTENT, 3));
     reference.set_signal(SignalKind::Light, 3, &plane).unwrap();
     reference.set_frame(&picture.frame(), None, 0.0).unwrap();
@@ -233,7 +258,7 @@ fn in_a_renderers_buffers() {
     let renderer = Renderer::new();
     // SAFETY: the renderer outlives it.
     let device = unsafe { Device::from_renderer(renderer.handles()) }.unwrap();
-    let denoiser = Denoiser::new(&device, &small_hybrid(Head::gloss()), &ensemble()).unwrap();
+    let denoiser = Denoiser::new(&device, &two(), &ensemble()).unwrap();
     let pass = denoiser.pass(EXTENT).unwrap();
     let picture = Picture::new(4);
     let filled = |samples: &[f32]| {
@@ -272,9 +297,9 @@ fn in_a_renderers_buffers() {
     });
     renderer.wait(fence);
     let found = [0, 4, 5].map(|at: usize| bytemuck::cast_slice::<u8, f32>(&buffers[at].read()).to_vec());
-    assert_same(&found, &mean(&ensemble(), &picture), "in a renderer's buffers");
+    assert_same(&found, &mean(&two(), &ensemble(), &picture), "in a renderer's buffers");
     let told: FrameStatistics = *bytemuck::from_bytes(&told.read());
-    let mut host = self::denoiser(&ensemble());
+    let mut host = self::denoiser(&two(), &ensemble());
     let mut output = vec![0.0; 3 * PIXELS];
     let plane = PlaneMut::f32(&mut output, Layout::interleaved(EXTENT, 3));
     assert_eq!(told.exposure, host.denoise(&picture.frame(), plane).unwrap().exposure);
@@ -287,7 +312,7 @@ fn in_a_renderers_images() {
     let renderer = Renderer::new();
     // SAFETY: the renderer outlives it.
     let device = unsafe { Device::from_renderer(renderer.handles()) }.unwrap();
-    let denoiser = Denoiser::new(&device, &small_hybrid(Head::gloss()), &ensemble()).unwrap();
+    let denoiser = Denoiser::new(&device, &one(), &ensemble()).unwrap();
     let pass = denoiser.pass(EXTENT).unwrap();
     let picture = Picture::new(5);
     let image =
@@ -306,25 +331,39 @@ fn in_a_renderers_images() {
         unsafe { pass.record(commands, &binding, &FrameOptions::default()) }.unwrap();
     });
     renderer.wait(fence);
-    assert_same_bits(&output.read_rgb(), &mean(&ensemble(), &picture)[0], "in a renderer's images");
+    assert_same_bits(&output.read_rgb(), &mean(&one(), &ensemble(), &picture)[0], "in a renderer's images");
     drop((binding, pass, denoiser, device));
     renderer.assert_silent();
 }
 
 #[test]
 fn what_it_takes() {
-    let (one, two) = (denoiser(&Options::default()), denoiser(&Options { signals: false, ..ensemble() }));
+    let averaging = Options { signals: false, ..ensemble() };
+    let (once, twice) = (denoiser(&one(), &Options::default()), denoiser(&one(), &averaging));
     let required = |denoiser: &Denoiser| denoiser.memory_required(EXTENT).unwrap();
-    let more = required(&two).pass() - required(&one).pass();
+    let more = required(&twice).pass() - required(&once).pass();
     assert!((12 * PIXELS as u64..12 * PIXELS as u64 + 1024).contains(&more), "{more} bytes more");
     let flops = |denoiser: &Denoiser| {
         let pass = denoiser.pass(EXTENT).unwrap();
         pass.plan().dispatches.iter().map(|dispatch| dispatch.flops).sum::<u64>()
     };
-    assert_eq!(flops(&two), 2 * flops(&one));
+    assert_eq!(flops(&twice), 2 * flops(&once));
 
-    let refused = Denoiser::new(device(), &small_hybrid(Head::gloss()), &Options { keep_features: true, ..ensemble() });
+    // Of two networks the weights of both, and the memory of the larger one; without an ensemble one of them.
+    let [own, other] = alone(&two(), &averaging);
+    let both = denoiser(&two(), &averaging);
+    assert_eq!(flops(&both), flops(&own) + flops(&other));
+    assert_eq!(both.device_bytes(), own.device_bytes() + other.device_bytes());
+    let larger = required(&own).arena.max(required(&other).arena);
+    let more = required(&both).arena.abs_diff(larger);
+    assert!(more <= 12 * PIXELS as u64 + 1024, "{more} bytes from {larger}");
+    let unused = denoiser(&two(), &Options::default());
+    assert_eq!((flops(&unused), unused.device_bytes()), (flops(&own), own.device_bytes()));
+
+    let refused = Denoiser::new(device(), &one(), &Options { keep_features: true, ..ensemble() });
     assert!(matches!(refused, Err(Error::InvalidOption { option: "self_ensemble", .. })), "{refused:?}");
+    let refused = one().averaged_with(two());
+    assert!(matches!(refused, Err(WeightsError::Ensemble(_))), "{refused:?}");
 }
 
 /// A frame in tiles is denoised once.
@@ -334,7 +373,7 @@ fn frames_in_tiles() {
     let color = Random::new(6).values(3 * extent.pixels() as usize, 0.0, 2.0);
     let rgb = Layout::interleaved(extent, 3);
     let run = |options: &Options| {
-        let mut denoiser = denoiser(options);
+        let mut denoiser = denoiser(&two(), options);
         cut_into_tiles(&mut denoiser, extent, [384, 128], 128).unwrap();
         let frame = Frame { extent, color: Plane::f32(&color, rgb), features: Features::default() };
         let mut output = vec![UNTOUCHED; color.len()];

@@ -57,7 +57,7 @@ fn film_means_of_a_sample() {
             Pack::FilmVector { weight: "enc.0.0.film".into(), norm: "enc.0.0.norm1_f".into(), inputs: 32, outputs: 64 };
         let sizes = [view.tokens() * 40, sum.sums_bytes() / 4, u64::from(squares.tiles()), 2 * sum.sums()];
         let mut buffers = words(&[&sizes[..], &[pack.len() as u64, 64, 64]].concat());
-        buffers[weights].place = Place::Weights { pack, offset: 0 };
+        buffers[weights].place = Place::Weights { pack, offset: 0, turned: false };
         let mut rig = Rig::new(Extent::new(width, height), &buffers);
         let values: Vec<f32> = (0..view.tokens() as u32 * 40)
             .map(|i| {

@@ -371,7 +371,7 @@ fn smaller_frames_fit_the_arena_of_a_larger_one() {
 /// Where a plan looks for its weights.
 fn packed(plan: &Plan) -> Vec<(String, u64)> {
     let weights = plan.buffers.iter().filter_map(|buffer| match &buffer.place {
-        Place::Weights { pack, offset } => {
+        Place::Weights { pack, offset, .. } => {
             assert_eq!(buffer.bytes, pack.bytes(), "{}", buffer.name);
             Some((format!("{pack:?}"), *offset))
         }

@@ -125,6 +125,9 @@ pub enum WeightsError {
         /// What it is.
         value: f32,
     },
+    /// Two networks that cannot be averaged.
+    #[error("these networks cannot be averaged: {0}")]
+    Ensemble(String),
 }
 
 /// The weights of one network. Holds every tensor of its graph, of the right shape and finite, and no other.
@@ -134,6 +137,8 @@ pub struct Weights {
     preprocessing: Preprocessing,
     training: String,
     tensors: BTreeMap<String, Tensor>,
+    /// Of the network of the turned frame, where that is another.
+    turned: Option<Box<Weights>>,
 }
 
 impl Weights {
@@ -190,8 +195,32 @@ impl Weights {
         }
         match tensors.into_keys().next() {
             Some(name) => Err(WeightsError::Extra(weights_file::shown(&name))),
-            None => Ok(Weights { arch, preprocessing, training: "{}".into(), tensors: checked }),
+            None => Ok(Weights { arch, preprocessing, training: "{}".into(), tensors: checked, turned: None }),
         }
+    }
+
+    /// The same network and another: where [`Options::self_ensemble`](crate::Options::self_ensemble) asks for the average of
+    /// two results, the other one's is that of the turned frame. Two networks differ in more of their errors than one
+    /// does from itself. Elsewhere the other is not used.
+    ///
+    /// # Errors
+    /// [`WeightsError::Ensemble`] where the two take their colour by different rules, and where `other` is of two
+    /// networks itself.
+    pub fn averaged_with(self, other: Weights) -> Result<Weights, WeightsError> {
+        if other.turned.is_some() {
+            return Err(WeightsError::Ensemble("the second one is of two networks itself".into()));
+        }
+        if self.preprocessing.exposure != other.preprocessing.exposure {
+            let rules = [self.preprocessing.exposure, other.preprocessing.exposure];
+            return Err(WeightsError::Ensemble(format!("they take their colour by different rules, {rules:?}")));
+        }
+        Ok(Weights { turned: Some(Box::new(other)), ..self })
+    }
+
+    /// The network of the turned frame, where that is another.
+    #[cfg_attr(not(feature = "internals"), doc(hidden))]
+    pub fn turned(&self) -> Option<&Weights> {
+        self.turned.as_deref()
     }
 
     /// The network they are for.

@@ -6,8 +6,9 @@ use super::featureless::{self, For};
 use super::packing::Packing;
 use super::placing::Placing;
 use super::schedule::{Scheduled, schedule};
-use super::steps::{Size, Step, Steps};
+use super::steps::{Size, Step, Steps, packing};
 use super::tile::Given;
+use super::active::Activity;
 use super::{Buffer, Dispatch, Place, Plan, converged, ensemble, features, hazards};
 use crate::error::{Error, Result};
 use crate::frame::{Extent, Region};
@@ -23,12 +24,27 @@ use std::collections::HashMap;
 /// Pixels on a side that coordinates of tiles (16 bits) and strides (32 bits) hold with room to spare.
 const MAX_SIDE: u32 = 1 << 18;
 
+/// The networks of a pass.
+#[derive(Clone, Copy, Debug)]
+pub struct Networks<'a> {
+    /// Of the frame.
+    pub own: &'a Graph,
+    /// Of the turned frame, where there is an ensemble; `None`: the same.
+    pub turned: Option<&'a Graph>,
+}
+
+impl<'a> From<&'a Graph> for Networks<'a> {
+    fn from(own: &'a Graph) -> Self {
+        Self { own, turned: None }
+    }
+}
+
 /// Plans one forward pass over a frame of `extent`.
 ///
 /// # Errors
 /// [`Error::EmptyFrame`]; [`Error::FrameTooLarge`] where a map exceeds `max_block_bytes` or a side 262144 pixels.
-pub fn plan(graph: &Graph, extent: Extent, options: &Target) -> Result<Plan> {
-    let planned = of_frame(graph, extent, options, Limits::Each(options.max_block_bytes))?;
+pub fn plan<'a>(networks: impl Into<Networks<'a>>, extent: Extent, options: &Target) -> Result<Plan> {
+    let planned = of_frame(networks.into(), extent, options, Limits::Each(options.max_block_bytes))?;
     planned.map_err(|bytes| map_too_large(extent, bytes, options))
 }
 
@@ -36,8 +52,13 @@ pub fn plan(graph: &Graph, extent: Extent, options: &Target) -> Result<Plan> {
 ///
 /// # Errors
 /// As [`plan`]; [`Error::FrameTooLarge`] where the maps do not fit the blocks.
-pub fn plan_in(graph: &Graph, extent: Extent, options: &Target, blocks: &[u64]) -> Result<Plan> {
-    let planned = of_frame(graph, extent, options, Limits::Given(blocks, options.max_block_bytes))?;
+pub fn plan_in<'a>(
+    networks: impl Into<Networks<'a>>,
+    extent: Extent,
+    options: &Target,
+    blocks: &[u64],
+) -> Result<Plan> {
+    let planned = of_frame(networks.into(), extent, options, Limits::Given(blocks, options.max_block_bytes))?;
     planned.map_err(|bytes| {
         let reason = format!(
             "its maps do not fit an arena with blocks of {blocks:?} bytes (there is no room for one of {bytes}): make \
@@ -48,21 +69,51 @@ pub fn plan_in(graph: &Graph, extent: Extent, options: &Target, blocks: &[u64]) 
 }
 
 /// Fails within with the size of a map that no block holds.
-fn of_frame(graph: &Graph, extent: Extent, options: &Target, arena: Limits) -> Result<Result<Plan, u64>> {
-    let (graph, padded) = (graph.folded(options.folds), padded(graph, extent)?);
-    let again = rematerialized(&graph, padded, options);
-    // Weights lie where they do at every size.
-    let packing = again.as_ref().map(|_| Steps::new(&graph, options, false, Packing::default()).packing);
-    let steps = Steps::new(again.as_ref().unwrap_or(&graph), options, false, packing.unwrap_or_default());
-    let mut lowering = Lowering::new(&steps, extent, padded);
-    lowering.frame_in();
-    lowering.ops();
-    lowering.signals();
-    if !lowering.dispatches.iter().any(|dispatch| matches!(dispatch.call, Call::Output(_))) {
-        let residual = lowering.whole(lowering.graph.residual);
-        lowering.frame_out("output", residual, 0, Region::all(extent));
+fn of_frame(networks: Networks, extent: Extent, options: &Target, arena: Limits) -> Result<Result<Plan, u64>> {
+    let own = Chosen::new(networks.own, extent, options, Packing::default())?;
+    let Some(turned) = networks.turned.filter(|_| options.self_ensemble) else {
+        let steps = Steps::new(&own.graph, options, false, own.packing);
+        let mut lowering = Lowering::new(&steps, extent, own.padded);
+        lowering.member = options.self_ensemble.then_some(Member::Upright);
+        lowering.frame();
+        return Ok(lowering.finish(None, &[], arena));
+    };
+    let of_own = packing(networks.own, options);
+    let turned = Chosen::new(turned, extent, options, Packing::after(&of_own))?;
+    let steps = Steps::new(&turned.graph, options, false, turned.packing);
+    let mut lowering = Lowering::new(&steps, extent, turned.padded);
+    lowering.member = Some(Member::Turned);
+    lowering.frame();
+    let result = lowering.turned_result();
+    let lists = lowering.lists().lists;
+    let mut before = lowering.buffers;
+    ensemble::of_turned(&mut before);
+    let bytes = steps.packing.bytes();
+
+    let steps = Steps::among(before, &own.graph, options, false, own.packing);
+    let mut lowering = Lowering::new(&steps, extent, own.padded);
+    (lowering.member, lowering.turned_result) = (Some(Member::Upright), Some(result));
+    lowering.frame();
+    let planned = lowering.finish(Some(lists), &[], arena);
+    Ok(planned.map(|plan| Plan { weights_bytes: bytes, ..plan }))
+}
+
+/// How a network is lowered for a frame.
+struct Chosen {
+    graph: Graph,
+    padded: Extent,
+    /// Where its weights lie at every size.
+    packing: Packing,
+}
+
+impl Chosen {
+    /// `packing` is empty.
+    fn new(graph: &Graph, extent: Extent, options: &Target, packing: Packing) -> Result<Self> {
+        let (graph, padded) = (graph.folded(options.folds), padded(graph, extent)?);
+        let Some(again) = rematerialized(&graph, padded, options) else { return Ok(Self { graph, padded, packing }) };
+        let packing = Steps::new(&graph, options, false, packing).packing;
+        Ok(Self { graph: again, padded, packing })
     }
-    Ok(lowering.finish(&[], arena))
 }
 
 /// Plans a graph's operations alone, without the frame around them: the caller fills [`Plan::log_color`] and
@@ -76,7 +127,7 @@ pub fn plan_part(graph: &Graph, extent: Extent, options: &Target) -> Result<Plan
     let mut lowering = Lowering::new(&steps, extent, padded(&graph, extent)?);
     let kept = [graph.color, graph.aux, graph.residual].map(|value| lowering.whole(value).buffer);
     lowering.ops();
-    lowering.finish(&kept, Limits::Each(options.max_block_bytes)).map_err(|bytes| map_too_large(extent, bytes, options))
+    lowering.finish(None, &kept, Limits::Each(options.max_block_bytes)).map_err(|bytes| map_too_large(extent, bytes, options))
 }
 
 /// The graph without the map that it keeps for predicted kernels, where that takes more than it may, and where it would
@@ -123,8 +174,19 @@ pub(super) struct Lowering<'a> {
     pub stats: BufferId,
     /// What is known of every tile of the colour.
     pub tile_stats: BufferId,
+    /// Which of an ensemble the dispatches are of.
+    pub member: Option<Member>,
     /// Where the result of the turned frame is kept, where there is an ensemble.
     turned_result: Option<BufferId>,
+}
+
+/// What runs of one network.
+struct Lists {
+    /// For frames with features, and where it differs for those without.
+    lists: Vec<Scheduled>,
+    converged: Option<Activity>,
+    /// What depends on the features alone and is read by the rest.
+    of_features: Vec<BufferId>,
 }
 
 impl<'a> Lowering<'a> {
@@ -139,8 +201,9 @@ impl<'a> Lowering<'a> {
             dispatches: Vec::new(),
             band: None,
             sums: HashMap::new(),
-            stats: Steps::STATS,
+            stats: steps.stats,
             tile_stats: BufferId(0),
+            member: None,
             turned_result: None,
         }
     }
@@ -277,7 +340,7 @@ impl<'a> Lowering<'a> {
             true => Tiles::All,
             false => Tiles::Rect(TileRect::covering(rows, width.next_multiple_of(TILE), height.next_multiple_of(TILE))),
         };
-        let ensemble = self.options.self_ensemble.then(|| (Member::Upright, self.turned_result()));
+        let ensemble = self.member.map(|member| (member, self.turned_result()));
         let output = frame_io::Output {
             residual,
             residual_top: top,
@@ -303,6 +366,17 @@ impl<'a> Lowering<'a> {
         *self.turned_result.insert(result)
     }
 
+    /// All of a frame's dispatches.
+    fn frame(&mut self) {
+        self.frame_in();
+        self.ops();
+        self.signals();
+        if !self.dispatches.iter().any(|dispatch| matches!(dispatch.call, Call::Output(_))) {
+            let residual = self.whole(self.graph.residual);
+            self.frame_out("output", residual, 0, Region::all(self.extent));
+        }
+    }
+
     fn ops(&mut self) {
         let mut at = 0;
         while at < self.steps.steps.len() {
@@ -317,12 +391,9 @@ impl<'a> Lowering<'a> {
         ops.iter().map(|op| op_flops(self.graph, op, width, height).total()).sum()
     }
 
-    /// Places the buffers, those of `kept` for all the time, what outlives a recording in persistent memory, and finds
-    /// the barriers. Fails with the size of a buffer that no block holds.
-    fn finish(mut self, kept: &[BufferId], arena: Limits) -> Result<Plan, u64> {
+    /// The dispatches as they run, before the buffers are placed.
+    fn lists(&mut self) -> Lists {
         let options = self.options;
-        let [log_color, aux, residual] =
-            [self.graph.color, self.graph.aux, self.graph.residual].map(|value| self.whole(value));
         let buffers = &self.buffers;
         features::mark(&mut self.dispatches, |id| matches!(buffers[id.0].place, Place::Weights { .. }));
         let multiple = self.graph.arch.pad_multiple();
@@ -333,7 +404,7 @@ impl<'a> Lowering<'a> {
         };
         let (merged, converged) = match options.converged {
             Some(mode) => {
-                let Self { extent, padded, stats, .. } = self;
+                let Self { extent, padded, stats, .. } = *self;
                 let (keeps_features, kernels) = (options.keep_features, options.kernels);
                 let frame = converged::Frame { extent, padded, stats, mode, keeps_features, kernels };
                 let (merged, activity) = converged::apply(merged, &mut self.buffers, &frame);
@@ -347,20 +418,43 @@ impl<'a> Lowering<'a> {
             let chosen = merged.iter().filter(|(_, frames)| frames != other).map(|(dispatch, _)| dispatch.clone());
             schedule(chosen.collect(), &self.buffers, options.overlap_bytes)
         });
-        let lists: Vec<Scheduled> = scheduled.collect();
+        let lists = scheduled.collect();
+        let of_features = features::kept(merged.iter().map(|(dispatch, _)| dispatch));
+        Lists { lists, converged, of_features }
+    }
+
+    /// Places the buffers, those of `kept` for all the time, what outlives a recording in persistent memory, and finds
+    /// the barriers. `turned`: what another network makes of the turned frame before. Fails with the size of a buffer
+    /// that no block holds.
+    fn finish(
+        mut self,
+        turned: Option<Vec<Scheduled>>,
+        kept: &[BufferId],
+        arena: Limits,
+    ) -> Result<Plan, u64> {
+        let options = self.options;
+        let [log_color, aux, residual] =
+            [self.graph.color, self.graph.aux, self.graph.residual].map(|value| self.whole(value));
+        let Lists { lists, converged, of_features } = self.lists();
         let mut outlives: Vec<BufferId> = converged.iter().map(|converged| converged.buffer).collect();
         let given = options.of_tile.then(|| Given::of(&lists[0].dispatches));
         outlives.extend(given.iter().flat_map(Given::buffers));
         if options.keep_features {
-            outlives.extend(features::kept(merged.iter().map(|(dispatch, _)| dispatch)));
+            outlives.extend(of_features);
         }
-        let kept: Vec<BufferId> = kept.iter().copied().chain(self.turned_result).collect();
+        let repeats = self.member.is_some() && turned.is_none();
+        let kept: Vec<BufferId> =
+            kept.iter().copied().chain(self.turned_result.filter(|_| repeats)).collect();
+        let lists = match turned {
+            Some(turned) => ensemble::joined(turned, lists),
+            None => lists,
+        };
         let placing = Placing { lists: &lists, outlives: &outlives, kept: &kept, options, arena };
         let (blocks, persistent) = placing.place(&mut self.buffers)?;
         let mut marked = lists.into_iter().map(|Scheduled { mut dispatches, .. }| {
             dispatches.iter_mut().for_each(|dispatch| dispatch.choose(options.kernels));
             hazards::mark(&mut dispatches, &self.buffers);
-            if options.self_ensemble { ensemble::both(dispatches) } else { dispatches }
+            if repeats { ensemble::both(dispatches) } else { dispatches }
         });
         let (dispatches, without_features) = (marked.next().unwrap_or_default(), marked.next());
         Ok(Plan {

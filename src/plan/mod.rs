@@ -32,9 +32,9 @@ use crate::kernels::{BufferId, Call, Grid, KernelTarget, Storage, Tiles, Traffic
 use crate::net::op::Stage;
 use pack::Pack;
 
-pub use lower::{plan, plan_in, plan_part};
+pub use lower::{Networks, plan, plan_in, plan_part};
 pub use packing::Packing;
-pub use steps::{packing, packing_of_part};
+pub use steps::{packing, packing_after, packing_of_part};
 
 /// Where a buffer of the plan lies.
 #[derive(Clone, Debug, PartialEq)]
@@ -59,6 +59,8 @@ pub enum Place {
         pack: Pack,
         /// Bytes from the start of the weights.
         offset: u64,
+        /// Whether they are of the network that the turned frame goes through, where that is another.
+        turned: bool,
     },
 }
 

@@ -3,7 +3,7 @@
 
 use super::arena::{self, Limits, Placement, Request};
 use super::schedule::Scheduled;
-use super::{Buffer, Place};
+use super::{Buffer, Dispatch, Place};
 use crate::kernels::BufferId;
 use crate::target::Target;
 
@@ -56,11 +56,14 @@ impl Placing<'_> {
                 }
             }
             // What signals read stays for the next of them.
-            let mut of_signals = groups.iter().zip(dispatches).filter(|(_, dispatch)| dispatch.of_signals);
-            let (Some((&first, _)), Some((&last, _))) = (of_signals.next(), of_signals.next_back()) else { continue };
-            for time in times.iter_mut().flatten().filter_map(|times| times[list].as_mut()) {
-                if time.0 < first && time.1 >= first {
-                    time.1 = time.1.max(last);
+            for turned in [true, false] {
+                let of_signals = |(_, dispatch): &(_, &Dispatch)| dispatch.of_signals && dispatch.turned == turned;
+                let mut of_signals = groups.iter().zip(dispatches).filter(of_signals).map(|(&group, _)| group);
+                let (Some(first), Some(last)) = (of_signals.next(), of_signals.next_back()) else { continue };
+                for time in times.iter_mut().flatten().filter_map(|times| times[list].as_mut()) {
+                    if time.0 < first && time.1 >= first {
+                        time.1 = time.1.max(last);
+                    }
                 }
             }
         }

@@ -10,6 +10,7 @@ use crate::kernels::{BufferId, Call};
 use std::collections::HashMap;
 
 /// Dispatches in their order, each with the number of its group; groups follow each other.
+#[derive(Clone, Default)]
 pub(super) struct Scheduled {
     pub dispatches: Vec<Dispatch>,
     pub groups: Vec<usize>,

@@ -3,7 +3,6 @@
 
 use super::lower::Lowering;
 use crate::frame::Region;
-use crate::kernels::ensemble::Member;
 use crate::kernels::signals::{InputSignal, OutputSignal};
 use crate::kernels::{Call, Storage, Tiles, View};
 use crate::net::op::Stage;
@@ -64,7 +63,7 @@ impl Lowering<'_> {
             tiles: Tiles::All,
             region: Region::all(self.extent),
             converged: None,
-            member: self.options.self_ensemble.then_some(Member::Upright),
+            member: self.member,
         };
         self.push("signal.output", Stage::Output, 0, Call::OutputSignal(output));
         self.dispatches[first..].iter_mut().for_each(|dispatch| dispatch.of_signals = true);

@@ -35,6 +35,11 @@ pub fn packing(graph: &Graph, target: &Target) -> Packing {
     Steps::new(&graph.folded(target.folds), target, false, Packing::default()).packing
 }
 
+/// The same for the network of the turned frame, after what is packed for the frame's own.
+pub fn packing_after(own: &Packing, graph: &Graph, target: &Target) -> Packing {
+    Steps::new(&graph.folded(target.folds), target, false, Packing::after(own)).packing
+}
+
 /// The same for plans of a network's part ([`super::plan_part`]).
 pub fn packing_of_part(graph: &Graph, target: &Target) -> Packing {
     Steps::new(&graph.folded(target.folds), target, true, Packing::default()).packing
@@ -54,21 +59,32 @@ pub(super) struct Steps<'a> {
     /// Buffer of every value that has one.
     pub values: HashMap<ValueId, BufferId>,
     packs: HashMap<Pack, BufferId>,
+    /// The frame's statistics.
+    pub stats: BufferId,
 }
 
 impl<'a> Steps<'a> {
-    /// The frame's statistics.
-    pub const STATS: BufferId = BufferId(0);
-
     /// Of a folded graph. What it packs beyond `packing` is added.
     pub fn new(graph: &'a Graph, target: &'a Target, is_part: bool, packing: Packing) -> Self {
+        Self::among(Vec::new(), graph, target, is_part, packing)
+    }
+
+    /// The same, with buffers that come after those of another network.
+    pub fn among(
+        buffers: Vec<Buffer>,
+        graph: &'a Graph,
+        target: &'a Target,
+        is_part: bool,
+        packing: Packing,
+    ) -> Self {
         let mut steps = Self {
             graph,
             target,
             is_part,
             steps: Vec::new(),
-            buffers: Vec::new(),
-            sizes: Vec::new(),
+            sizes: buffers.iter().map(|buffer| Size::Bytes(buffer.bytes)).collect(),
+            stats: BufferId(buffers.len()),
+            buffers,
             packing,
             values: HashMap::new(),
             packs: HashMap::new(),
@@ -102,7 +118,7 @@ impl<'a> Steps<'a> {
         }
         let id = self.buffer(name, Size::Bytes(pack.bytes()), Storage::F32);
         let offset = self.packing.place(pack.clone());
-        self.buffers[id.0].place = Place::Weights { pack: pack.clone(), offset };
+        self.buffers[id.0].place = Place::Weights { pack: pack.clone(), offset, turned: false };
         self.packs.insert(pack, id);
         id
     }

@@ -84,7 +84,9 @@ impl<'a> Reference<'a> {
     /// [`WeightsError::Missing`] where `weights` lack a tensor that a buffer packs.
     pub fn for_calls(extent: Extent, buffers: &'a [Buffer], weights: &Weights) -> Result<Self, WeightsError> {
         let parameters = buffers.iter().map(|buffer| match &buffer.place {
-            Place::Weights { pack, .. } => Parameters::new(pack, weights).map(Some),
+            Place::Weights { pack, turned, .. } => {
+                Parameters::new(pack, weights.turned().filter(|_| *turned).unwrap_or(weights)).map(Some)
+            }
             Place::Arena { .. } | Place::Persistent { .. } => Ok(None),
         });
         Ok(Self {

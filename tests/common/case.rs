@@ -48,10 +48,14 @@ pub fn small_net(channels: u32, bottleneck: Block) -> Weights {
 
 /// Random weights of the Hybrid with this head, one block in each place.
 pub fn small_hybrid(head: Head) -> Weights {
-    let mut arch = Arch { head, ..Arch::hybrid() };
+    small(Arch { head, ..Arch::hybrid() }, 4)
+}
+
+/// A network with one block where it has more, random.
+pub fn small(mut arch: Arch, seed: u64) -> Weights {
     arch.stages.iter_mut().for_each(|stage| (stage.encoder_blocks, stage.decoder_blocks) = (1, 1));
     arch.bottleneck.blocks = 1;
-    Weights::hashed(&arch, PREPROCESSING, 4).unwrap()
+    Weights::hashed(&arch, PREPROCESSING, seed).unwrap()
 }
 
 /// Storage, arithmetic and limit of every form of a dense kernel.
@@ -166,7 +170,7 @@ impl Cases {
     /// Packed weights.
     pub fn pack(&mut self, pack: Pack) -> BufferId {
         let bytes = 4 * pack.len() as u64;
-        self.push("weights", bytes, Place::Weights { pack, offset: 0 }, Content::Nothing)
+        self.push("weights", bytes, Place::Weights { pack, offset: 0, turned: false }, Content::Nothing)
     }
 
     /// A map of random values in -`scale`..`scale`, somewhere in the channels and rows of a larger one.
