@@ -4,6 +4,7 @@ import tempfile
 import unittest
 from pathlib import Path
 
+import torch
 from safetensors import safe_open
 from safetensors.torch import save_file
 from vkdn import hashweights, weights
@@ -31,3 +32,11 @@ class WeightsTest(unittest.TestCase):
             for other in {**rules, "version": 3}, {**rules, "exposure": "none"}, {**rules, "depth": "maximum"}:
                 with self.assertRaises(ValueError):
                     read(other)
+
+    def test_fewer_bits_of_mantissa_are_the_nearest(self):
+        values = torch.cat([torch.randn(1000), torch.randn(1000) * 1e-6, torch.tensor([0.0, 1.0, 1 + 2**-9, 1 + 2**-10, 1 + 3 * 2**-10])])
+        self.assertTrue(torch.equal(weights.to_half("w", values, 10), values.half()))
+        nine = weights.to_half("w", values, 9)
+        self.assertTrue(torch.all(nine[:1000].view(torch.int16) % 2 == 0))
+        self.assertLessEqual(float((nine[:1000].float() / values[:1000] - 1).abs().max()), 2**-10)
+        self.assertEqual(nine[-3:].tolist(), [1 + 2**-9, 1.0, 1 + 2 * 2**-9])

@@ -8,9 +8,12 @@ def main():
     p = argparse.ArgumentParser(description=__doc__)
     p.add_argument("checkpoint")
     p.add_argument("output")
+    p.add_argument("--mantissa", type=int, default=10, metavar="BITS", help="kept of each weight, 1 to 10: a file packs the smaller for less (10)")
     args = p.parse_args()
+    if not 1 <= args.mantissa <= 10:
+        p.error("--mantissa is 1 to 10 bits")
     model, record = checkpoint.load_model(args.checkpoint)
-    weights.write(args.output, model, record)
+    weights.write(args.output, model, record, args.mantissa)
     back, _ = weights.read(args.output)
     pairs = zip(model.state_dict().values(), back.state_dict().values())
     worst = max(float((a - b).abs().max() / a.abs().max().clamp_min(1e-12)) for a, b in pairs)

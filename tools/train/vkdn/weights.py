@@ -15,16 +15,19 @@ from .model import Denoiser
 FORMAT = "vkdenoise-1"
 
 
-def to_half(name, tensor):
-    half = tensor.detach().to(torch.float16).contiguous()
+def to_half(name, tensor, mantissa):
+    """Rounded to nearest, ties to even, once, to a half with so many bits of mantissa."""
+    values = tensor.detach().float()
+    step = torch.exp2(torch.frexp(values)[1].clamp_min(-13).float() - 1 - mantissa)
+    half = (torch.round(values / step) * step).to(torch.float16).contiguous()
     if not torch.isfinite(half).all():
         raise ValueError(f"{name} does not fit float16")
     return half
 
 
-def write(path, model, training):
-    """`training`: a JSON-able record of where the weights come from."""
-    tensors = {name: to_half(name, p) for name, p in model.named_parameters()}
+def write(path, model, training, mantissa=10):
+    """`training`: a JSON-able record of where the weights come from. mantissa: bits kept of each weight."""
+    tensors = {name: to_half(name, p, mantissa) for name, p in model.named_parameters()}
     metadata = {
         "format": FORMAT,
         "architecture": json.dumps(model.arch.to_dict()),
