@@ -53,11 +53,7 @@ pub(super) fn joined(turned: Vec<Scheduled>, upright: Vec<Scheduled>) -> Vec<Sch
 }
 
 /// The dispatches of the turned frame, where there are any, and of the frame itself, each with where a region lies.
-pub(crate) fn members(
-    dispatches: &mut [Dispatch],
-    region: Region,
-    extent: Extent,
-) -> [(&mut [Dispatch], Region); 2] {
+pub(crate) fn members(dispatches: &mut [Dispatch], region: Region, extent: Extent) -> [(&mut [Dispatch], Region); 2] {
     let (turned, upright) = dispatches.split_at_mut(dispatches.partition_point(|dispatch| dispatch.turned));
     [(turned, region.turned(extent)), (upright, region)]
 }

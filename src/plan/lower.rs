@@ -1,16 +1,14 @@
 //! From steps and a size to dispatches.
 
+use super::active::Activity;
 use super::arena::Limits;
 use super::bands::Band;
 use super::featureless::{self, For};
-use super::packing::Packing;
 use super::placing::Placing;
 use super::schedule::{Scheduled, schedule};
-use super::steps::{Size, Step, Steps, packing};
+use super::steps::{Size, Step, Steps};
 use super::tile::Given;
-use super::active::Activity;
 use super::{Buffer, Dispatch, Place, Plan, converged, ensemble, features, hazards};
-use crate::error::{Error, Result};
 use crate::frame::{Extent, Region};
 use crate::kernels::ensemble::{Member, result_bytes};
 use crate::kernels::stats::Counted;
@@ -21,143 +19,6 @@ use crate::net::op::{Stage, ValueId};
 use crate::target::Target;
 use std::collections::HashMap;
 
-/// Pixels on a side that coordinates of tiles (16 bits) and strides (32 bits) hold with room to spare.
-const MAX_SIDE: u32 = 1 << 18;
-
-/// The networks of a pass.
-#[derive(Clone, Copy, Debug)]
-pub struct Networks<'a> {
-    /// Of the frame.
-    pub own: &'a Graph,
-    /// Of the turned frame, where there is an ensemble; `None`: the same.
-    pub turned: Option<&'a Graph>,
-}
-
-impl<'a> From<&'a Graph> for Networks<'a> {
-    fn from(own: &'a Graph) -> Self {
-        Self { own, turned: None }
-    }
-}
-
-/// Plans one forward pass over a frame of `extent`.
-///
-/// # Errors
-/// [`Error::EmptyFrame`]; [`Error::FrameTooLarge`] where a map exceeds `max_block_bytes` or a side 262144 pixels.
-pub fn plan<'a>(networks: impl Into<Networks<'a>>, extent: Extent, options: &Target) -> Result<Plan> {
-    let planned = of_frame(networks.into(), extent, options, Limits::Each(options.max_block_bytes))?;
-    planned.map_err(|bytes| map_too_large(extent, bytes, options))
-}
-
-/// The same in an arena that is there, with blocks of so many bytes. A frame's own blocks, or larger ones, hold it.
-///
-/// # Errors
-/// As [`plan`]; [`Error::FrameTooLarge`] where the maps do not fit the blocks.
-pub fn plan_in<'a>(
-    networks: impl Into<Networks<'a>>,
-    extent: Extent,
-    options: &Target,
-    blocks: &[u64],
-) -> Result<Plan> {
-    let planned = of_frame(networks.into(), extent, options, Limits::Given(blocks, options.max_block_bytes))?;
-    planned.map_err(|bytes| {
-        let reason = format!(
-            "its maps do not fit an arena with blocks of {blocks:?} bytes (there is no room for one of {bytes}): make \
-             the arena for this size too (Denoiser::arena_required)"
-        );
-        Error::FrameTooLarge { width: extent.width, height: extent.height, reason }
-    })
-}
-
-/// Fails within with the size of a map that no block holds.
-fn of_frame(networks: Networks, extent: Extent, options: &Target, arena: Limits) -> Result<Result<Plan, u64>> {
-    let own = Chosen::new(networks.own, extent, options, Packing::default())?;
-    let Some(turned) = networks.turned.filter(|_| options.self_ensemble) else {
-        let steps = Steps::new(&own.graph, options, false, own.packing);
-        let mut lowering = Lowering::new(&steps, extent, own.padded);
-        lowering.member = options.self_ensemble.then_some(Member::Upright);
-        lowering.frame();
-        return Ok(lowering.finish(None, &[], arena));
-    };
-    let of_own = packing(networks.own, options);
-    let turned = Chosen::new(turned, extent, options, Packing::after(&of_own))?;
-    let steps = Steps::new(&turned.graph, options, false, turned.packing);
-    let mut lowering = Lowering::new(&steps, extent, turned.padded);
-    lowering.member = Some(Member::Turned);
-    lowering.frame();
-    let result = lowering.turned_result();
-    let lists = lowering.lists().lists;
-    let mut before = lowering.buffers;
-    ensemble::of_turned(&mut before);
-    let bytes = steps.packing.bytes();
-
-    let steps = Steps::among(before, &own.graph, options, false, own.packing);
-    let mut lowering = Lowering::new(&steps, extent, own.padded);
-    (lowering.member, lowering.turned_result) = (Some(Member::Upright), Some(result));
-    lowering.frame();
-    let planned = lowering.finish(Some(lists), &[], arena);
-    Ok(planned.map(|plan| Plan { weights_bytes: bytes, ..plan }))
-}
-
-/// How a network is lowered for a frame.
-struct Chosen {
-    graph: Graph,
-    padded: Extent,
-    /// Where its weights lie at every size.
-    packing: Packing,
-}
-
-impl Chosen {
-    /// `packing` is empty.
-    fn new(graph: &Graph, extent: Extent, options: &Target, packing: Packing) -> Result<Self> {
-        let (graph, padded) = (graph.folded(options.folds), padded(graph, extent)?);
-        let Some(again) = rematerialized(&graph, padded, options) else { return Ok(Self { graph, padded, packing }) };
-        let packing = Steps::new(&graph, options, false, packing).packing;
-        Ok(Self { graph: again, padded, packing })
-    }
-}
-
-/// Plans a graph's operations alone, without the frame around them: the caller fills [`Plan::log_color`] and
-/// [`Plan::aux`] and reads [`Plan::residual`], which keep their places throughout.
-///
-/// # Errors
-/// As [`plan`].
-pub fn plan_part(graph: &Graph, extent: Extent, options: &Target) -> Result<Plan> {
-    let graph = graph.folded(options.folds);
-    let steps = Steps::new(&graph, options, true, Packing::default());
-    let mut lowering = Lowering::new(&steps, extent, padded(&graph, extent)?);
-    let kept = [graph.color, graph.aux, graph.residual].map(|value| lowering.whole(value).buffer);
-    lowering.ops();
-    lowering.finish(None, &kept, Limits::Each(options.max_block_bytes)).map_err(|bytes| map_too_large(extent, bytes, options))
-}
-
-/// The graph without the map that it keeps for predicted kernels, where that takes more than it may, and where it would
-/// be made in bands: neither lists of tiles nor what is kept for the next frame are.
-fn rematerialized(graph: &Graph, padded: Extent, options: &Target) -> Option<Graph> {
-    if options.converged.is_some() || options.keep_features {
-        return None;
-    }
-    let channels = graph.whole(graph.kept_for_kernels()?).channels;
-    let bytes = padded.pixels() * u64::from(channels) * options.storage.bytes();
-    if bytes > options.max_kept_bytes { graph.rematerialized() } else { None }
-}
-
-/// The size that the network works on.
-fn padded(graph: &Graph, extent: Extent) -> Result<Extent> {
-    extent.check()?;
-    let multiple = graph.arch.pad_multiple();
-    if extent.width.max(extent.height) > MAX_SIDE - multiple {
-        let reason = format!("sides of more than {} pixels are not supported", MAX_SIDE - multiple);
-        return Err(Error::FrameTooLarge { width: extent.width, height: extent.height, reason });
-    }
-    Ok(Extent::new(extent.width.next_multiple_of(multiple), extent.height.next_multiple_of(multiple)))
-}
-
-fn map_too_large(extent: Extent, bytes: u64, options: &Target) -> Error {
-    let limit = options.max_block_bytes;
-    let reason = format!("one feature map takes {bytes} bytes, and the device allocates at most {limit} at once");
-    Error::FrameTooLarge { width: extent.width, height: extent.height, reason }
-}
-
 /// The steps at a size.
 pub(super) struct Lowering<'a> {
     pub steps: &'a Steps<'a>,
@@ -165,7 +26,7 @@ pub(super) struct Lowering<'a> {
     pub options: &'a Target,
     pub extent: Extent,
     pub padded: Extent,
-    buffers: Vec<Buffer>,
+    pub buffers: Vec<Buffer>,
     pub dispatches: Vec<Dispatch>,
     /// The band that operations are lowered for, where a chain of them runs band by band.
     pub band: Option<Band>,
@@ -177,20 +38,20 @@ pub(super) struct Lowering<'a> {
     /// Which of an ensemble the dispatches are of.
     pub member: Option<Member>,
     /// Where the result of the turned frame is kept, where there is an ensemble.
-    turned_result: Option<BufferId>,
+    pub turned_result: Option<BufferId>,
 }
 
 /// What runs of one network.
-struct Lists {
+pub(super) struct Lists {
     /// For frames with features, and where it differs for those without.
-    lists: Vec<Scheduled>,
+    pub lists: Vec<Scheduled>,
     converged: Option<Activity>,
     /// What depends on the features alone and is read by the rest.
     of_features: Vec<BufferId>,
 }
 
 impl<'a> Lowering<'a> {
-    fn new(steps: &'a Steps<'a>, extent: Extent, padded: Extent) -> Self {
+    pub fn new(steps: &'a Steps<'a>, extent: Extent, padded: Extent) -> Self {
         Self {
             steps,
             graph: steps.graph,
@@ -358,7 +219,7 @@ impl<'a> Lowering<'a> {
     }
 
     /// Where the result of the turned frame is kept.
-    fn turned_result(&mut self) -> BufferId {
+    pub fn turned_result(&mut self) -> BufferId {
         if let Some(result) = self.turned_result {
             return result;
         }
@@ -367,7 +228,7 @@ impl<'a> Lowering<'a> {
     }
 
     /// All of a frame's dispatches.
-    fn frame(&mut self) {
+    pub fn frame(&mut self) {
         self.frame_in();
         self.ops();
         self.signals();
@@ -377,7 +238,7 @@ impl<'a> Lowering<'a> {
         }
     }
 
-    fn ops(&mut self) {
+    pub fn ops(&mut self) {
         let mut at = 0;
         while at < self.steps.steps.len() {
             at += self.chain(at);
@@ -392,7 +253,7 @@ impl<'a> Lowering<'a> {
     }
 
     /// The dispatches as they run, before the buffers are placed.
-    fn lists(&mut self) -> Lists {
+    pub fn lists(&mut self) -> Lists {
         let options = self.options;
         let buffers = &self.buffers;
         features::mark(&mut self.dispatches, |id| matches!(buffers[id.0].place, Place::Weights { .. }));
@@ -426,12 +287,7 @@ impl<'a> Lowering<'a> {
     /// Places the buffers, those of `kept` for all the time, what outlives a recording in persistent memory, and finds
     /// the barriers. `turned`: what another network makes of the turned frame before. Fails with the size of a buffer
     /// that no block holds.
-    fn finish(
-        mut self,
-        turned: Option<Vec<Scheduled>>,
-        kept: &[BufferId],
-        arena: Limits,
-    ) -> Result<Plan, u64> {
+    pub fn finish(mut self, turned: Option<Vec<Scheduled>>, kept: &[BufferId], arena: Limits) -> Result<Plan, u64> {
         let options = self.options;
         let [log_color, aux, residual] =
             [self.graph.color, self.graph.aux, self.graph.residual].map(|value| self.whole(value));
@@ -443,8 +299,7 @@ impl<'a> Lowering<'a> {
             outlives.extend(of_features);
         }
         let repeats = self.member.is_some() && turned.is_none();
-        let kept: Vec<BufferId> =
-            kept.iter().copied().chain(self.turned_result.filter(|_| repeats)).collect();
+        let kept: Vec<BufferId> = kept.iter().copied().chain(self.turned_result.filter(|_| repeats)).collect();
         let lists = match turned {
             Some(turned) => ensemble::joined(turned, lists),
             None => lists,

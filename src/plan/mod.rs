@@ -13,6 +13,7 @@ mod fuse;
 mod halves;
 mod hazards;
 mod lower;
+mod of_frame;
 mod ops;
 pub mod pack;
 mod packing;
@@ -32,7 +33,7 @@ use crate::kernels::{BufferId, Call, Grid, KernelTarget, Storage, Tiles, Traffic
 use crate::net::op::Stage;
 use pack::Pack;
 
-pub use lower::{Networks, plan, plan_in, plan_part};
+pub use of_frame::{Networks, plan, plan_in, plan_part};
 pub use packing::Packing;
 pub use steps::{packing, packing_after, packing_of_part};
 
