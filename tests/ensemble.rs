@@ -10,6 +10,7 @@ use common::image::RendererImage;
 use common::random::Random;
 use common::vulkan::Renderer;
 use std::ops::ControlFlow;
+use std::sync::LazyLock;
 use vkdenoise::kernels::Call;
 use vkdenoise::net::{Arch, Head};
 use vkdenoise::reference::Reference;
@@ -30,14 +31,11 @@ fn ensemble() -> Options {
 }
 
 /// One network for both frames, and one for each.
-fn one() -> Weights {
-    small_hybrid(Head::gloss())
-}
-
-fn two() -> Weights {
+static ONE: LazyLock<Weights> = LazyLock::new(|| small_hybrid(Head::gloss()));
+static TWO: LazyLock<Weights> = LazyLock::new(|| {
     let other = Arch { head: Head::gloss(), ..Arch::expanded_patch() };
-    one().averaged_with(small(other, 5)).unwrap()
-}
+    ONE.clone().averaged_with(small(other, 5)).unwrap()
+});
 
 fn denoiser(weights: &Weights, options: &Options) -> Denoiser {
     Denoiser::new(device(), weights, options).unwrap()
@@ -159,10 +157,10 @@ fn it_is_the_mean_of_two_runs() {
     if Bench::can_store_halves(device()) {
         cases.push(("halves, blended", Options { precision: Precision::F16, blend: 0.25, ..ensemble() }));
     }
-    for ((what, options), weights) in cases.into_iter().flat_map(|case| [(case, one()), (case, two())]) {
+    for ((what, options), weights) in cases.into_iter().flat_map(|case| [(case, &*ONE), (case, &*TWO)]) {
         let what = &format!("{what}, {}", if weights.turned().is_some() { "two networks" } else { "one" });
-        let expected = mean(&weights, &options, &picture);
-        let mut denoiser = denoiser(&weights, &options);
+        let expected = mean(weights, &options, &picture);
+        let mut denoiser = denoiser(weights, &options);
         assert_same(&denoise(&mut denoiser, &picture, None), &expected, what);
         // Again, with what is left of the last run in memory.
         assert_same(&denoise(&mut denoiser, &picture, None), &expected, what);
@@ -201,12 +199,9 @@ fn it_is_the_mean_of_two_runs() {
 /// In one piece, and in five bands to the picture.
 #[test]
 fn a_frame_of_colour_alone() {
-    for (extent, max_chain_bytes, weights) in [
-        (EXTENT, None, one()),
-        (Extent::new(70, 517), Some(1 << 14), one()),
-        (EXTENT, None, two()),
-        (Extent::new(70, 517), Some(1 << 14), two()),
-    ] {
+    for (extent, max_chain_bytes, weights) in
+        [(EXTENT, None, &ONE), (Extent::new(70, 517), Some(1 << 14), &ONE), (Extent::new(70, 517), Some(1 << 14), &TWO)]
+    {
         let color = Random::new(2).values(3 * extent.pixels() as usize, 0.0, 2.0);
         let rgb = Layout::interleaved(extent, 3);
         let run = |denoiser: &mut Denoiser, color: &[f32]| {
@@ -216,10 +211,10 @@ fn a_frame_of_colour_alone() {
             output
         };
         let options = Options { max_chain_bytes, ..Options::default() };
-        let [mut own, mut other] = alone(&weights, &options);
+        let [mut own, mut other] = alone(weights, &options);
         let turned = turn(&run(&mut other, &turn(&color, 3)), 3);
         let expected: Vec<f32> = run(&mut own, &color).iter().zip(turned).map(|(a, b)| 0.5 * a + 0.5 * b).collect();
-        let mut averaging = denoiser(&weights, &Options { self_ensemble: true, ..options });
+        let mut averaging = denoiser(weights, &Options { self_ensemble: true, ..options });
         assert_same_bits(&run(&mut averaging, &color), &expected, &format!("{extent:?}"));
         let pass = averaging.pass(extent).unwrap();
         let outputs = pass.plan().dispatches.iter().filter(|dispatch| matches!(dispatch.call, Call::Output(_)));
@@ -229,7 +224,7 @@ fn a_frame_of_colour_alone() {
 
 #[test]
 fn the_f64_twin_agrees() {
-    [one(), two()].iter().for_each(agrees_with_its_twin);
+    [&*ONE, &*TWO].into_iter().for_each(agrees_with_its_twin);
 }
 
 fn agrees_with_its_twin(weights: &Weights) {
@@ -258,7 +253,7 @@ fn in_a_renderers_buffers() {
     let renderer = Renderer::new();
     // SAFETY: the renderer outlives it.
     let device = unsafe { Device::from_renderer(renderer.handles()) }.unwrap();
-    let denoiser = Denoiser::new(&device, &two(), &ensemble()).unwrap();
+    let denoiser = Denoiser::new(&device, &TWO, &ensemble()).unwrap();
     let pass = denoiser.pass(EXTENT).unwrap();
     let picture = Picture::new(4);
     let filled = |samples: &[f32]| {
@@ -297,9 +292,9 @@ fn in_a_renderers_buffers() {
     });
     renderer.wait(fence);
     let found = [0, 4, 5].map(|at: usize| bytemuck::cast_slice::<u8, f32>(&buffers[at].read()).to_vec());
-    assert_same(&found, &mean(&two(), &ensemble(), &picture), "in a renderer's buffers");
+    assert_same(&found, &mean(&TWO, &ensemble(), &picture), "in a renderer's buffers");
     let told: FrameStatistics = *bytemuck::from_bytes(&told.read());
-    let mut host = self::denoiser(&two(), &ensemble());
+    let mut host = self::denoiser(&TWO, &ensemble());
     let mut output = vec![0.0; 3 * PIXELS];
     let plane = PlaneMut::f32(&mut output, Layout::interleaved(EXTENT, 3));
     assert_eq!(told.exposure, host.denoise(&picture.frame(), plane).unwrap().exposure);
@@ -312,7 +307,7 @@ fn in_a_renderers_images() {
     let renderer = Renderer::new();
     // SAFETY: the renderer outlives it.
     let device = unsafe { Device::from_renderer(renderer.handles()) }.unwrap();
-    let denoiser = Denoiser::new(&device, &one(), &ensemble()).unwrap();
+    let denoiser = Denoiser::new(&device, &ONE, &ensemble()).unwrap();
     let pass = denoiser.pass(EXTENT).unwrap();
     let picture = Picture::new(5);
     let image =
@@ -331,7 +326,7 @@ fn in_a_renderers_images() {
         unsafe { pass.record(commands, &binding, &FrameOptions::default()) }.unwrap();
     });
     renderer.wait(fence);
-    assert_same_bits(&output.read_rgb(), &mean(&one(), &ensemble(), &picture)[0], "in a renderer's images");
+    assert_same_bits(&output.read_rgb(), &mean(&ONE, &ensemble(), &picture)[0], "in a renderer's images");
     drop((binding, pass, denoiser, device));
     renderer.assert_silent();
 }
@@ -339,7 +334,7 @@ fn in_a_renderers_images() {
 #[test]
 fn what_it_takes() {
     let averaging = Options { signals: false, ..ensemble() };
-    let (once, twice) = (denoiser(&one(), &Options::default()), denoiser(&one(), &averaging));
+    let (once, twice) = (denoiser(&ONE, &Options::default()), denoiser(&ONE, &averaging));
     let required = |denoiser: &Denoiser| denoiser.memory_required(EXTENT).unwrap();
     let more = required(&twice).pass() - required(&once).pass();
     assert!((12 * PIXELS as u64..12 * PIXELS as u64 + 1024).contains(&more), "{more} bytes more");
@@ -350,19 +345,19 @@ fn what_it_takes() {
     assert_eq!(flops(&twice), 2 * flops(&once));
 
     // Of two networks the weights of both, and the memory of the larger one; without an ensemble one of them.
-    let [own, other] = alone(&two(), &averaging);
-    let both = denoiser(&two(), &averaging);
+    let [own, other] = alone(&TWO, &averaging);
+    let both = denoiser(&TWO, &averaging);
     assert_eq!(flops(&both), flops(&own) + flops(&other));
     assert_eq!(both.device_bytes(), own.device_bytes() + other.device_bytes());
     let larger = required(&own).arena.max(required(&other).arena);
     let more = required(&both).arena.abs_diff(larger);
     assert!(more <= 12 * PIXELS as u64 + 1024, "{more} bytes from {larger}");
-    let unused = denoiser(&two(), &Options::default());
+    let unused = denoiser(&TWO, &Options::default());
     assert_eq!((flops(&unused), unused.device_bytes()), (flops(&own), own.device_bytes()));
 
-    let refused = Denoiser::new(device(), &one(), &Options { keep_features: true, ..ensemble() });
+    let refused = Denoiser::new(device(), &ONE, &Options { keep_features: true, ..ensemble() });
     assert!(matches!(refused, Err(Error::InvalidOption { option: "self_ensemble", .. })), "{refused:?}");
-    let refused = one().averaged_with(two());
+    let refused = ONE.clone().averaged_with(TWO.clone());
     assert!(matches!(refused, Err(WeightsError::Ensemble(_))), "{refused:?}");
 }
 
@@ -373,7 +368,7 @@ fn frames_in_tiles() {
     let color = Random::new(6).values(3 * extent.pixels() as usize, 0.0, 2.0);
     let rgb = Layout::interleaved(extent, 3);
     let run = |options: &Options| {
-        let mut denoiser = denoiser(&two(), options);
+        let mut denoiser = denoiser(&TWO, options);
         cut_into_tiles(&mut denoiser, extent, [384, 128], 128).unwrap();
         let frame = Frame { extent, color: Plane::f32(&color, rgb), features: Features::default() };
         let mut output = vec![UNTOUCHED; color.len()];
