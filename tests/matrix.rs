@@ -21,8 +21,9 @@ use vkdenoise::{
     Options, Plane, PlaneMut, Precision, SampleFormat,
 };
 
-/// What rounding factors to halves may cost a whole pass.
-const LEAST_DB: f64 = 60.0;
+/// What rounding factors to halves may cost a whole pass that ends in kernels, which average, and in a residual.
+const LEAST_DB: f64 = 90.0;
+const LEAST_DB_OF_RESIDUALS: f64 = 60.0;
 /// The same of the residual, as NMSE, where the weights are random.
 const RANDOM_LIMIT: f64 = 1e-4;
 
@@ -76,16 +77,16 @@ fn trained_networks_are_close_to_the_reference() {
     let golden = Golden::read("golden_trained.safetensors");
     let (ships, residual) = (Weights::hybrid_kernels().unwrap(), residual_hybrid());
     let passes = [
-        ("odd.", "the network that ships", &ships),
-        ("square.", "the network that ships", &ships),
-        ("square.", "with a residual", &residual),
-        ("odd.", "with a residual", &residual),
+        ("odd.", "the network that ships", &ships, LEAST_DB),
+        ("square.", "the network that ships", &ships, LEAST_DB),
+        ("square.", "with a residual", &residual, LEAST_DB_OF_RESIDUALS),
+        ("odd.", "with a residual", &residual, LEAST_DB_OF_RESIDUALS),
     ];
     // The first has all kernels of the others.
-    for (prefix, name, weights) in &passes[..if compiles_fast() { passes.len() } else { 1 }] {
+    for (prefix, name, weights, least) in &passes[..if compiles_fast() { passes.len() } else { 1 }] {
         let (db, error) = errors(&golden.frame(prefix), weights);
         println!("trained weights, {name}, {prefix} {db:.1} dB, NMSE of the result {error:.1e}");
-        assert!(db >= LEAST_DB, "{name}, {prefix} {db:.1} dB");
+        assert!(db >= *least, "{name}, {prefix} {db:.1} dB");
     }
     assert_no_validation_messages();
 }
