@@ -41,7 +41,8 @@ class MaterialsTest(unittest.TestCase):
     def test_lights_are_of_other_strength_and_a_little_of_another_tint(self):
         strengths = []
         for seed in range(200):
-            first, second = [[float(c) for c in rgb.get("value").split(",")] for rgb in varied(seed).findall("emitter/rgb")]
+            lights = [rgb.get("value").split(",") for rgb in varied(seed).findall("emitter/rgb")]
+            first, second = [[float(channel) for channel in light] for light in lights]
             strengths += [first[1] / 2, second[1] / 3]
             self.assertLess(max(second) / min(second), 3)
         self.assertLess(min(strengths), 0.5)

@@ -8,7 +8,8 @@ def main():
     p = argparse.ArgumentParser(description=__doc__)
     p.add_argument("checkpoint")
     p.add_argument("output")
-    p.add_argument("--mantissa", type=int, default=10, metavar="BITS", help="kept of each weight, 1 to 10: a file packs the smaller for less (10)")
+    kept = "kept of each weight, 1 to 10: with fewer the file packs smaller (10)"
+    p.add_argument("--mantissa", type=int, default=10, metavar="BITS", help=kept)
     args = p.parse_args()
     if not 1 <= args.mantissa <= 10:
         p.error("--mantissa is 1 to 10 bits")

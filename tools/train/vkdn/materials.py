@@ -1,9 +1,9 @@
 """Other materials and lights for Mitsuba scenes: python -m vkdn.materials --scenes SCENES --out VARIED --seed N.
 
-Scenes are few, and each has its floor: a network learns the floor. Each VARIED/<name>/scene.xml is the scene with a random
-material in the place of most of its diffuse and plastic ones (a texture or a colour; glossy, varnished, rough metal or a
-mirror) and with lights of other strength and tint. Meshes and textures stay where they are, so that the folders can be
-given to whatever renders pairs of the scenes; every seed gives others.
+Scenes are few, and each has its floor: a network learns the floor. Each VARIED/<name>/scene.xml is the scene with a
+random material in the place of most of its diffuse and plastic ones (a texture or a colour; glossy, varnished, rough
+metal or a mirror) and with lights of other strength and tint. Meshes and textures stay where they are, so that the
+folders can be given to whatever renders pairs of the scenes; every seed gives others.
 """
 import argparse
 import math
