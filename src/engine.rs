@@ -47,11 +47,10 @@ impl Engine {
 
     /// The same for another target than the device's own.
     pub fn for_target(device: &Device, weights: &Weights, options: &Options, target: Target) -> Result<Self> {
-        if target.signals {
-            signals::check_head(weights.arch())?;
-            weights.turned().map_or(Ok(()), |other| signals::check_head(other.arch()))?;
-        }
         let partner = weights.turned().filter(|_| target.self_ensemble);
+        if target.signals {
+            [Some(weights), partner].into_iter().flatten().try_for_each(|used| signals::check_head(used.arch()))?;
+        }
         let graph = Graph::new(weights.arch()).map_err(WeightsError::from)?;
         let turned = partner.map(|other| Graph::new(other.arch())).transpose().map_err(WeightsError::from)?;
         let own = packing(&graph, &target);

@@ -29,8 +29,8 @@ pub struct Target {
     pub of_tile: bool,
     /// How converged tiles are left out; `None`: none are.
     pub converged: Option<ConvergedMode>,
-    /// Whether the result is the average of the frame's and of what the frame turned by half a circle gives, by the same
-    /// network or by another ([`crate::plan::Networks`]). Not with `of_tile` and `keep_features`.
+    /// Whether the result is the average of the frame's and of what the frame turned by half a circle gives, by the
+    /// same network or by another ([`crate::plan::Networks`]). Not with `of_tile` and `keep_features`.
     pub self_ensemble: bool,
     /// Whether signals beside the colour can go through the predicted kernels.
     pub signals: bool,

@@ -357,6 +357,12 @@ fn what_it_takes() {
 
     let refused = Denoiser::new(device(), &ONE, &Options { keep_features: true, ..ensemble() });
     assert!(matches!(refused, Err(Error::InvalidOption { option: "self_ensemble", .. })), "{refused:?}");
+    // Signals ask for kernels of every network that is used.
+    let with_residual = ONE.clone().averaged_with(small(Arch::expanded_patch(), 6)).unwrap();
+    let refused = Denoiser::new(device(), &with_residual, &ensemble());
+    assert!(matches!(refused, Err(Error::InvalidOption { option: "signals", .. })), "{refused:?}");
+    denoiser(&with_residual, &averaging);
+    denoiser(&with_residual, &Options { self_ensemble: false, ..ensemble() });
     let refused = ONE.clone().averaged_with(TWO.clone());
     assert!(matches!(refused, Err(WeightsError::Ensemble(_))), "{refused:?}");
 }

@@ -216,7 +216,12 @@ fn layer_norm_without_variance() {
     let buffers = [
         arena("src", len as u64),
         arena("dst", len as u64),
-        Buffer { name: "norm".into(), bytes, storage: Storage::F32, place: Place::Weights { pack, offset: 0, turned: false } },
+        Buffer {
+            name: "norm".into(),
+            bytes,
+            storage: Storage::F32,
+            place: Place::Weights { pack, offset: 0, turned: false },
+        },
     ];
     let view = |id| View {
         buffer: BufferId(id),
@@ -293,7 +298,12 @@ fn film_mean_of_many_tokens() {
         arena("row", row.len() as u64),
         arena("partials", sum.sums() * u64::from(base)),
         arena("film", outputs.into()),
-        Buffer { name: "weights".into(), bytes, storage: Storage::F32, place: Place::Weights { pack, offset: 0, turned: false } },
+        Buffer {
+            name: "weights".into(),
+            bytes,
+            storage: Storage::F32,
+            place: Place::Weights { pack, offset: 0, turned: false },
+        },
     ];
     let vector = FilmVector {
         partials: BufferId(1),

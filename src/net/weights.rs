@@ -199,9 +199,9 @@ impl Weights {
         }
     }
 
-    /// The same network and another: where [`Options::self_ensemble`](crate::Options::self_ensemble) asks for the average of
-    /// two results, the other one's is that of the turned frame. Two networks differ in more of their errors than one
-    /// does from itself. Elsewhere the other is not used.
+    /// The same network and another: where [`Options::self_ensemble`](crate::Options::self_ensemble) asks for the
+    /// average of two results, the other one's is that of the turned frame. Two networks differ in more of their errors
+    /// than one does from itself. Elsewhere the other is not used.
     ///
     /// # Errors
     /// [`WeightsError::Ensemble`] where the two take their colour by different rules, and where `other` is of two

@@ -115,8 +115,8 @@ pub struct Options {
     /// circle (geometric self-ensemble: Lim et al., "Enhanced Deep Residual Networks for Single Image
     /// Super-Resolution", 2017). It takes twice the time, 12 bytes more a pixel and as much as each signal, and gains
     /// 0.05 to 0.15 dB (`docs/quality.md`). The turned frame may go through another network
-    /// ([`Weights::averaged_with`](crate::Weights::averaged_with)). A frame in tiles is denoised once, by the first. Not
-    /// with [`Options::keep_features`].
+    /// ([`Weights::averaged_with`](crate::Weights::averaged_with)). A frame in tiles is denoised once, by the first.
+    /// Not with [`Options::keep_features`].
     pub self_ensemble: bool,
     /// Whether frames may come with signals that go through the kernels of their colour ([`crate::Signal`],
     /// [`crate::Denoiser::denoise_with`], [`crate::Pass::bind_buffers_with`]). For weights that predict kernels and

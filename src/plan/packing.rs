@@ -7,8 +7,8 @@ use crate::net::weights::{Weights, WeightsError};
 /// Every pack lies at a multiple of so many bytes.
 const ALIGNMENT: u64 = 256;
 
-/// Everything that is packed for a network and a target, one after the other, from the start of the weights or after what
-/// is packed for another network.
+/// Everything that is packed for a network and a target, one after the other, from the start of the weights or after
+/// what is packed for another network.
 #[derive(Clone, Debug, Default, PartialEq)]
 pub struct Packing {
     /// Each with the bytes from the start of the weights.
