@@ -3,7 +3,7 @@
 
 mod common;
 
-use common::case::{KERNEL_LIMIT, PREPROCESSING, small_hybrid};
+use common::case::{KERNEL_LIMIT, PREPROCESSING};
 use common::compare::{max_error, nmse, rms};
 use common::device::{assert_no_validation_messages, device};
 use common::golden::Golden;
@@ -13,7 +13,7 @@ use common::trained::{expanded_patch, residual_hybrid};
 use std::collections::{BTreeMap, HashSet};
 use vkdenoise::frame::{Extent, Frame, Layout, PlaneMut};
 use vkdenoise::kernels::Call;
-use vkdenoise::net::{Arch, Head, Weights};
+use vkdenoise::net::{Arch, Weights};
 use vkdenoise::plan::{Place, Plan};
 use vkdenoise::reference::Reference;
 use vkdenoise::testing::denoise_and_read;
@@ -224,7 +224,7 @@ fn denoised(denoiser: &mut Denoiser, frame: &Frame) -> Vec<f32> {
 /// Half-float planes with gaps, a fixed exposure, a blend, missing features.
 #[test]
 fn every_kind_of_frame_is_the_reference() {
-    let weights = small_hybrid(Head::gloss());
+    let weights = Weights::hybrid_kernels().unwrap();
     let extent = Extent::new(45, 70);
     let full = TestFrame::random(extent, 4);
     let mut far = full.clone();

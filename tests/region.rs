@@ -201,5 +201,5 @@ fn rectangles_of_a_long_frame_have_the_bits_of_the_whole() {
     let stages: Vec<_> = stages.chain([Stage::Input, Stage::Bottleneck, Stage::Output]).collect();
     let (weights, options) = (Weights::hybrid_kernels().unwrap(), Options::default());
     check_rectangles(&weights, &options, Extent::new(2560, 128), 2, &stages);
-    check_rectangles(&weights, &options, Extent::new(128, 2560), 2, &stages);
+    check_rectangles(&weights, &options, Extent::new(128, 2560), 3, &stages);
 }
