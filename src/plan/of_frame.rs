@@ -97,7 +97,7 @@ struct Chosen {
 }
 
 impl Chosen {
-    /// `packing` is empty.
+    /// `packing`: where the weights begin, with nothing in it yet.
     fn new(graph: &Graph, extent: Extent, options: &Target, packing: Packing) -> Result<Self> {
         let (graph, padded) = (graph.folded(options.folds), padded(graph, extent)?);
         let Some(again) = rematerialized(&graph, padded, options) else { return Ok(Self { graph, padded, packing }) };
