@@ -40,11 +40,7 @@ const uint STRIDE = INPUTS / 8u + 1u;           // of a token's row, in vectors 
 const uint STAGED_INPUTS = TILES * 64u * STRIDE;
 const uint STAGED_BLOCKS = 4u / TILES * INPUTS / 16u;
 #include "shared/matrix_dense.glsl"
-
-// One row of three tokens times one row of taps.
-vec4 row_sum(vec4 row[3], vec4 taps[9], const uint ky) {
-    return taps[3u * ky] * row[0] + taps[3u * ky + 1u] * row[1] + taps[3u * ky + 2u] * row[2];
-}
+#include "shared/add_row.glsl"
 
 // Stages the depthwise results of a tile for the inputs from vector `first` on: an invocation goes down a column of
 // tokens, four channels wide, and adds every row that it loads to the three results that it touches. A tile lies inside
@@ -80,13 +76,13 @@ void stage(uint rows, uvec2 origin, uint first) {
                 row[dx] = widen(mix(uvec2(0u), halves, bvec2(inside)));
             }
             if (y >= 2u) {
-                uvec2 halves = narrow(activate(above + row_sum(row, taps, 2u), INNER_EPILOGUE));
+                uvec2 halves = narrow(activate(add_row(above, row, taps, 2u), INNER_EPILOGUE));
                 uint to = rows + ((y - 2u) * 8u + x) * STRIDE + part / 2u;
                 staged[to][part % 2u * 2u] = halves.x;
                 staged[to][part % 2u * 2u + 1u] = halves.y;
             }
-            above = own + row_sum(row, taps, 1u);
-            own = bias + row_sum(row, taps, 0u);
+            above = add_row(own, row, taps, 1u);
+            own = add_row(bias, row, taps, 0u);
         }
     }
 }

@@ -60,7 +60,7 @@
 //! | what was left out | [`Denoiser::active_tiles`], [`Pass::active_tiles`]: [`ActiveTiles`], a map of [`MapSize`] and each [`Part`] of the network |
 //! | times of kernels | [`Pass::profiler`] makes a [`Profiler`], [`Pass::record_profiled`], a [`KernelRecord`] for each with its [`Stage`] of the network; more in [`profile`] |
 //! | CUDA, OpenGL, other Vulkan devices | [`Device::interop`]: [`Interop`], [`MemoryHandle`], [`Transfer`]; `SharedBuffer`, `SharedMemory`, `TimelineSemaphore`, `TimelinePoint`, `RecordedPass` (on Unix) |
-//! | the same result computed otherwise | [`ConvAlgorithm`] with its [`WinogradTile`], [`SeparableForm`], [`AttentionForm`], [`Folds`]: fields of [`Options`] for who measures; else the device decides |
+//! | the same result computed otherwise | [`ConvAlgorithm`] with its [`WinogradTile`], [`SeparableForm`], [`AttentionForm`], [`FfnForm`], [`Folds`]: fields of [`Options`] for who measures; else the device decides |
 //! | what goes wrong | [`Error`], [`Result`]; [`ParseError`] of the text of [`Folds`] |
 //! | EXR files, metrics | the modules below |
 //!
@@ -131,7 +131,7 @@ pub use memory::MemoryRequired;
 pub use net::weights::{Weights, WeightsError};
 pub use net::{ArchError, Folds, ParseError, Stage};
 pub use options::{
-    AttentionForm, ConvAlgorithm, Converged, ConvergedMargins, ConvergedMode, Exposure, FrameOptions, Options,
+    AttentionForm, ConvAlgorithm, Converged, ConvergedMargins, ConvergedMode, Exposure, FfnForm, FrameOptions, Options,
     Precision, Report, SeparableForm, TileReport,
 };
 pub use pass::{Binding, Pass};

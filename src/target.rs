@@ -3,7 +3,7 @@
 use crate::kernels::contract::Need;
 use crate::kernels::{Arithmetic, KernelTarget, Storage};
 use crate::net::Folds;
-use crate::options::{AttentionForm, ConvAlgorithm, Options, Precision, ConvergedMode, SeparableForm};
+use crate::options::{AttentionForm, ConvAlgorithm, ConvergedMode, FfnForm, Options, Precision, SeparableForm};
 use crate::vk::caps::{Caps, DeviceKind, TEXEL_BYTES};
 
 /// Largest block of an arena, whatever the device allows: beyond it some drivers' allocations grow unreliable.
@@ -42,6 +42,8 @@ pub struct Target {
     pub separable: SeparableForm,
     /// How a block's attention and its Linears are.
     pub attention: AttentionForm,
+    /// How an FFN is.
+    pub ffn: FfnForm,
     /// How feature maps are stored. Log colour and residual are 32-bit floats always.
     pub storage: Storage,
     /// What dense kernels compute with, where one on matrices takes their maps: those of halves.
@@ -107,6 +109,7 @@ impl Default for Target {
             conv: ConvAlgorithm::default(),
             separable: SeparableForm::default(),
             attention: AttentionForm::default(),
+            ffn: FfnForm::default(),
             storage: Storage::F32,
             arithmetic: Arithmetic::Floats,
             max_chain_bytes: max_chain_bytes(Storage::F32, Arithmetic::Floats),
@@ -158,6 +161,7 @@ impl Target {
             conv: options.conv.unwrap_or(suitable.conv),
             separable: options.separable.unwrap_or(suitable.separable),
             attention: options.attention.unwrap_or(suitable.attention),
+            ffn: options.ffn.unwrap_or(suitable.ffn),
             max_chain_bytes: options.max_chain_bytes.unwrap_or(suitable.max_chain_bytes),
             max_kept_bytes: options.max_chain_bytes.map_or(suitable.max_kept_bytes, |b| b.saturating_mul(KEPT_MAPS)),
             keep_features: options.keep_features,

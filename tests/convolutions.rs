@@ -1,15 +1,17 @@
-//! The dense 3x3 convolutions against their f64 twins, over random shapes, strides, channel ranges and lists of tiles.
+//! The dense 3x3 convolutions, and FFNs around a depthwise one, against their f64 twins, over random shapes, strides,
+//! channel ranges and lists of tiles.
 
 mod common;
 
 use common::case::{Cases, KERNEL_LIMIT, MATRIX_LIMIT, STORAGES, small_net, worth_compiling};
 use common::dense::{dense_cases, ending, size};
 use vkdenoise::kernels::dense::Conv3x3;
+use vkdenoise::kernels::ffn::Ffn;
 use vkdenoise::kernels::maps::LayerNorm;
 use vkdenoise::kernels::normed_conv::NormedConv3x3;
 use vkdenoise::kernels::winograd::{Winograd3x3, WinogradTile};
-use vkdenoise::kernels::{Arithmetic, Call, Shuffle, Storage, Tiles};
-use vkdenoise::net::{Block, ConvWeight};
+use vkdenoise::kernels::{Activation, Arithmetic, Call, Shuffle, Storage, Tiles};
+use vkdenoise::net::{Block, ConvWeight, Convolution, LinearPart, LinearWeight};
 use vkdenoise::plan::pack::Pack;
 
 fn add_conv(cases: &mut Cases, (inputs, outputs): (u32, u32), stride: u32, shuffle: Shuffle) {
@@ -200,4 +202,39 @@ fn winograd3x3_of_2x2() {
 #[test]
 fn winograd3x3_of_4x4() {
     winograd(12, WinogradTile::F4).check("winograd3x3 of F(4x4)", KERNEL_LIMIT);
+}
+
+/// Down to maps of one tile, every token of which but those in the middle is near a border.
+#[test]
+fn ffn() {
+    for (channels, activation) in worth_compiling(&[(64, Activation::Relu), (32, Activation::LeakyRelu)], 2) {
+        let mut cases = Cases::new(12, small_net(channels, Block::FilmCnn { conv: Convolution::Standard }));
+        (cases.storage, cases.arithmetic) = (Storage::F16, Arithmetic::Matrices);
+        for _ in 0..6 {
+            let (size, hidden) = (size(&mut cases, 8), 4 * channels);
+            let linear = |name: &str, inputs, outputs, norm: Option<&str>| LinearWeight {
+                parts: vec![LinearPart { prefix: format!("enc.0.0.{name}"), outputs }],
+                inputs,
+                columns: 0..inputs,
+                bias: true,
+                norm: norm.map(|norm| format!("enc.0.0.{norm}")),
+            };
+            let expand = linear("ffn.expand", channels, hidden, Some("norm2"));
+            let back = linear("ffn.contract", hidden, channels, None);
+            let (x, dst) = (cases.map(size, channels, 3.0), cases.target(size, channels));
+            let call = Ffn {
+                x,
+                dst,
+                biases: cases.pack(Pack::BiasRows(expand.clone())),
+                expand: cases.dense_pack(Pack::Linear(expand)),
+                depthwise: cases.pack(Pack::Depthwise { weight: "enc.0.0.ffn.depthwise".into(), channels: hidden }),
+                activation,
+                contract: cases.dense_pack(Pack::Linear(back)),
+                hidden,
+                tiles: cases.tiles(size),
+            };
+            cases.add(Call::Ffn(call), dst.buffer);
+        }
+        cases.check(&format!("ffn of {channels} channels"), MATRIX_LIMIT);
+    }
 }

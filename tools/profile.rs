@@ -66,6 +66,7 @@ fn run(command: Command) -> Result<(), Failure> {
             conv,
             separable,
             attention,
+            ffn,
             max_chain_mib,
             precision,
             region,
@@ -82,6 +83,7 @@ fn run(command: Command) -> Result<(), Failure> {
                 conv,
                 separable,
                 attention: attention.map(Into::into),
+                ffn: ffn.map(Into::into),
                 max_chain_bytes: max_chain_mib.map(|mib| mib << 20),
                 ..Options::default()
             };
@@ -96,8 +98,9 @@ fn run(command: Command) -> Result<(), Failure> {
             blocks::blocks(&Session::open(&common)?, &sizes, &channels, json)
         }
         Command::Tables { size, common, json } => tables::tables(&Session::open(&common)?, size, json),
-        Command::Plan { arch, head, size, precision, target, common, json } => {
-            plan::plan_of((&arch, head), size, precision, &plan::Machine::find(&target, &common)?, json)
+        Command::Plan { arch, head, size, precision, ffn, target, common, json } => {
+            let machine = plan::Machine::find(&target, &common)?;
+            plan::plan_of((&arch, head), size, precision, ffn.map(Into::into), &machine, json)
         }
         Command::Roof { common, json } => {
             let header = Session::open(&common)?.header();

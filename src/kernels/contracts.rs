@@ -34,6 +34,7 @@ const DENSE_MATRIX_CUT: &[Constant] =
     &[DENSE_INVOCATIONS, ROWS, COLUMNS, DEPTH, EPILOGUE, TILES, HALVES_OF_TILES, INPUTS];
 const SEPARABLE_MATRIX_CUT: &[Constant] =
     &[DENSE_INVOCATIONS, ROWS, COLUMNS, DEPTH, EPILOGUE, TILES, HALVES_OF_TILES, INPUTS, INNER_EPILOGUE];
+const FFN_MATRIX_CUT: &[Constant] = &[INVOCATIONS, ROWS, COLUMNS, DEPTH, EPILOGUE, INPUTS];
 const UNEMBED_MATRIX_CUT: &[Constant] = &[INVOCATIONS, ROWS, COLUMNS, DEPTH, INPUTS];
 const ATTENTION_MATRIX_CUT: &[Constant] = &[WINDOW_INVOCATIONS, ROWS, COLUMNS, DEPTH, KEYS, VALUES];
 const ATTENTION_BLOCK_CUT: &[Constant] = &[WINDOW_INVOCATIONS, ROWS, COLUMNS, DEPTH, KEYS, VALUES, INPUTS];
@@ -257,6 +258,9 @@ contracts! {
         /// Depthwise and pointwise convolution in one on cooperative matrices.
         SEPARABLE3X3_MATRIX = "separable3x3_matrix" "separable3x3_matrix.comp" Separable3x3Push
             { "SRC_F16": "1", "DST_F16": "1" } MATRICES, SEPARABLE_MATRIX_CUT;
+        /// An FFN in one on cooperative matrices.
+        FFN_MATRIX = "ffn_matrix" "ffn_matrix.comp" FfnPush
+            { "SRC_F16": "1", "DST_F16": "1" } MATRICES, FFN_MATRIX_CUT;
         /// The features' projection in one on cooperative matrices.
         AUX_PROJECTION_MATRIX = "aux_projection_matrix" "aux_projection_matrix.comp" AuxProjectionPush
             { "SRC_F16": "1", "DST_F16": "1" } MATRICES, AUX_MATRIX;

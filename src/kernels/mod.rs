@@ -20,6 +20,8 @@ macro_rules! for_kernels {
             Depthwise3x3(maps::Depthwise3x3),
             /// Depthwise and pointwise convolution in one.
             Separable3x3(separable::Separable3x3),
+            /// An FFN in one.
+            Ffn(ffn::Ffn),
             /// The features' projection in one.
             AuxProjection(aux_projection::AuxProjection),
             /// Tokens of 2x2 to pixels.
@@ -90,6 +92,7 @@ pub mod converged;
 pub mod dense;
 pub mod ensemble;
 pub mod expand;
+pub mod ffn;
 pub mod film;
 pub mod frame_io;
 pub mod maps;

@@ -56,3 +56,13 @@ pub enum AttentionForm {
     /// As four kernels, their results between them in memory.
     FourKernels,
 }
+
+/// How an FFN is computed, where there is a kernel for all of it: on matrices, of 32 or 64 channels.
+#[derive(Clone, Copy, Debug, Default, PartialEq, Eq, Hash)]
+pub enum FfnForm {
+    /// With its norm, Linears, depthwise convolution and residual as one kernel.
+    #[default]
+    Joined,
+    /// As two kernels, the hidden channels between them in memory.
+    TwoKernels,
+}

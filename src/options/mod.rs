@@ -12,7 +12,7 @@ use crate::renderer::BufferAddress;
 use std::fmt;
 use std::str::FromStr;
 
-pub use forms::{AttentionForm, ConvAlgorithm, SeparableForm};
+pub use forms::{AttentionForm, ConvAlgorithm, FfnForm, SeparableForm};
 pub use converged::{Converged, ConvergedMargins, ConvergedMode};
 
 /// Arithmetic and storage of the network.
@@ -98,6 +98,8 @@ pub struct Options {
     pub separable: Option<SeparableForm>,
     /// How a block's attention is; `None`: as suits the device.
     pub attention: Option<AttentionForm>,
+    /// How an FFN is; `None`: as suits the device.
+    pub ffn: Option<FfnForm>,
     /// Most device memory that a frame may take (arena, weights and, in the host path, staging), in bytes. The host
     /// path cuts a frame that needs more into tiles ([`Report::tiles`]), and refuses one of which no tile fits; a
     /// renderer's pass is refused. Nothing is allocated before that. `None`: what the device has.

@@ -4,23 +4,26 @@ use super::pack::Pack;
 use super::steps::Steps;
 use crate::kernels::attention_block::AttentionBlock;
 use crate::kernels::aux_projection::AuxProjection;
+use crate::kernels::ffn::Ffn;
 use crate::kernels::normed_conv::NormedConv3x3;
 use crate::kernels::separable::Separable3x3;
 use crate::kernels::{Activation, Arithmetic, BufferId, Call, Tiles};
 use crate::net::graph::Graph;
 use crate::net::op::{LinearWeight, OpKind, ValueId};
-use crate::options::AttentionForm;
+use crate::options::{AttentionForm, FfnForm};
 
 /// Operations of the features' projection: three times a Linear, a depthwise convolution, a Linear.
 const PROJECTION_OPS: usize = 9;
 /// Operations of a block's attention: queries, keys and values; queries and keys of the features; attention;
 /// projection.
 const ATTENTION_OPS: usize = 4;
+/// Operations of an FFN: a Linear, a depthwise convolution, a Linear.
+const FFN_OPS: usize = 3;
 
 impl Steps<'_> {
     /// The kernel of several operations that begin at `at`, by the first rule that has one, and how many they are.
     pub(super) fn fused(&mut self, at: usize) -> Option<(Call, usize)> {
-        let rules = [Self::aux_projection, Self::attention_block, Self::normed_conv, Self::separable];
+        let rules = [Self::aux_projection, Self::attention_block, Self::normed_conv, Self::ffn, Self::separable];
         rules.into_iter().find_map(|rule| rule(self, at))
     }
 
@@ -128,6 +131,31 @@ impl Steps<'_> {
             }
             _ => None,
         }
+    }
+
+    /// The kernel of the FFN that begins at `at`, and how many operations it swallows. `None` where none begins there, where
+    /// no kernel takes it, where kernels of their own are asked for, and where lists of tiles are made: beyond their tiles
+    /// hidden channels are zeros in memory, and would be those of zeros.
+    fn ffn(&mut self, at: usize) -> Option<(Call, usize)> {
+        let graph = self.graph;
+        if self.target.arithmetic != Arithmetic::Matrices
+            || self.target.ffn != FfnForm::Joined
+            || self.target.converged.is_some()
+        {
+            return None;
+        }
+        let [expand, depthwise, _] = graph.ops.get(at..at + FFN_OPS)? else { return None };
+        let OpKind::Linear { weight, .. } = &expand.kind else { return None };
+        if !matches!(depthwise.kind, OpKind::Depthwise3x3 { .. }) || !is_closed(graph, at, FFN_OPS) {
+            return None;
+        }
+        let (Call::Linear(first), Some((Call::Separable3x3(separable), _))) = (self.op(expand), self.separable(at + 1))
+        else {
+            return None;
+        };
+        let ffn = Ffn::joined(&first, &separable)?;
+        let biases = self.bias_rows(&expand.name, weight);
+        Some((Call::Ffn(Ffn { biases, ..ffn }), FFN_OPS))
     }
 
     /// A depthwise convolution and the Linear that alone reads its result, all of it.

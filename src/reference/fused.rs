@@ -6,6 +6,7 @@ use super::maps::normalise;
 use super::{Reference, Twin};
 use crate::kernels::attention_block::AttentionBlock;
 use crate::kernels::aux_projection::{AuxProjection, CHANNELS};
+use crate::kernels::ffn::Ffn;
 use crate::kernels::normed_conv::NormedConv3x3;
 use crate::kernels::separable::Separable3x3;
 use crate::kernels::{Activation, BufferId, View};
@@ -23,6 +24,19 @@ impl Twin for NormedConv3x3 {
     fn compute(&self, reference: &mut Reference) {
         let normed = reference.normed(&self.conv.src, self.norm);
         reference.convolution(&normed, &self.conv);
+    }
+}
+
+impl Twin for Ffn {
+    /// `x + W act(depthwise(V norm(x) + b)) + c`.
+    fn compute(&self, reference: &mut Reference) {
+        let hidden = projected(reference, &self.x, self.expand, self.hidden as usize);
+        let convolved = reference.depthwise_of(&hidden, self.depthwise, self.activation);
+        let mut result = reference.matrix(self.contract).apply(&convolved, 1, self.dst.channels as usize);
+        let residual = reference.map(&self.x).values;
+        result.values.iter_mut().zip(residual).for_each(|(value, residual)| *value += residual);
+        let tiles = reference.tiles(&self.tiles, self.dst.width, self.dst.height);
+        reference.store(&result, &self.dst, &tiles, |x, y, channel| (x, y, channel));
     }
 }
 

@@ -4,7 +4,7 @@ use clap::{Args, Parser, Subcommand, ValueEnum};
 use std::path::PathBuf;
 use vkdenoise::kernels::winograd::WinogradTile;
 use vkdenoise::net::{Arch, Folds, Head};
-use vkdenoise::options::{AttentionForm, ConvAlgorithm, SeparableForm};
+use vkdenoise::options::{AttentionForm, ConvAlgorithm, FfnForm, SeparableForm};
 use vkdenoise::{ConvergedMode, DeviceSelector, Extent, Precision, Region};
 
 /// Where the time goes: networks, blocks and convolutions, kernel by kernel, by timestamps in the command buffer.
@@ -46,6 +46,9 @@ pub enum Command {
         /// How a block's attention is computed on matrices; as suits the device where it is left out
         #[arg(long, value_name = "F")]
         attention: Option<Attention>,
+        /// How an FFN is computed on matrices; as suits the device where it is left out
+        #[arg(long, value_name = "F")]
+        ffn: Option<Ffn>,
         /// Arithmetic: "auto" (as suits the device), "fp32" or "matrix" (dense convolutions on cooperative matrices)
         #[arg(long, value_name = "P", env = "VKDENOISE_PRECISION", default_value = "auto", value_parser = precision)]
         precision: Precision,
@@ -123,6 +126,9 @@ pub enum Command {
         /// Arithmetic and storage: auto, fp32, fp16 or matrix
         #[arg(long, value_name = "P", env = "VKDENOISE_PRECISION", default_value = "auto", value_parser = precision)]
         precision: Precision,
+        /// How an FFN is computed on matrices; as suits the device where it is left out
+        #[arg(long, value_name = "F")]
+        ffn: Option<Ffn>,
         /// Which device: "h100" (measured), "mid-range" (0.5 TB/s, 58 TFLOP/s on matrices), "device" (the one at hand),
         /// or a JSON file
         #[arg(long, value_name = "T", default_value = "h100")]
@@ -210,6 +216,24 @@ impl From<Attention> for AttentionForm {
         match attention {
             Attention::Joined => Self::Joined,
             Attention::FourKernels => Self::FourKernels,
+        }
+    }
+}
+
+/// Forms of an FFN.
+#[derive(Clone, Copy, Debug, PartialEq, Eq, ValueEnum)]
+pub enum Ffn {
+    /// All of it in one kernel, up to 64 channels
+    Joined,
+    /// The Linear to the hidden channels, and the rest
+    TwoKernels,
+}
+
+impl From<Ffn> for FfnForm {
+    fn from(ffn: Ffn) -> Self {
+        match ffn {
+            Ffn::Joined => Self::Joined,
+            Ffn::TwoKernels => Self::TwoKernels,
         }
     }
 }

@@ -12,6 +12,7 @@ use serde_json::json;
 use std::collections::BTreeMap;
 use vkdenoise::kernels::{Arithmetic, Storage};
 use vkdenoise::net::{Arch, Graph, Head};
+use vkdenoise::options::FfnForm;
 use vkdenoise::plan::{Dispatch, plan};
 use vkdenoise::profile::{Roof, Shape};
 use vkdenoise::target::Target;
@@ -205,12 +206,14 @@ pub fn plan_of(
     (name, head): (&str, Head),
     extent: Extent,
     precision: Precision,
+    ffn: Option<FfnForm>,
     machine: &Machine,
     as_json: bool,
 ) -> Result<(), Failure> {
     let arch = Arch::named(name).ok_or_else(|| Failure(format!("there is no network called {name}")))?;
     let graph = Graph::new(&Arch { head, ..arch }).map_err(|error| Failure(error.to_string()))?;
-    let plan = plan(&graph, extent, &machine.target(precision)?)?;
+    let suitable = machine.target(precision)?;
+    let plan = plan(&graph, extent, &Target { ffn: ffn.unwrap_or(suitable.ffn), ..suitable })?;
     let dispatches = plan.dispatches.iter().enumerate();
     let rows: Vec<Row> = dispatches.map(|(i, dispatch)| Row::new(dispatch, i == 0, machine)).collect();
     let waits = plan.dispatches.iter().filter(|dispatch| dispatch.barrier).count();
