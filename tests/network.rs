@@ -11,6 +11,7 @@ use common::network::{bench_of, crop, download, mirrored, network_range, plan_of
 use common::planes::{TestFrame, TestPlane};
 use common::trained::{expanded_patch, residual_hybrid};
 use std::collections::{BTreeMap, HashSet};
+use std::sync::Mutex;
 use vkdenoise::frame::{Extent, Frame, Layout, PlaneMut};
 use vkdenoise::kernels::Call;
 use vkdenoise::net::{Arch, Weights};
@@ -67,42 +68,53 @@ fn engine_result(denoiser: &mut Denoiser, frame: &Frame) -> (Vec<f32>, Plan) {
 }
 
 /// The ten networks with random weights, on a real frame: PyTorch's residual for its own inputs, and the reference's
-/// residual for the frame's planes, through the host path.
+/// residual for the frame's planes, through the host path. Two at a time: one alone leaves a core idle by turns.
 #[test]
 fn every_network_is_pytorch_and_the_reference() {
     let golden = Golden::read("golden_random.safetensors");
-    let frame = golden.frame("");
-    let mut seen = HashSet::new();
-    for name in Arch::NAMES {
-        let weights = hashed(name, golden.number("seed") as u64);
-        let found = residual_of_golden_inputs(&golden, "", &weights);
-        let theirs = wide(golden.tensor(&format!("residual.{name}")));
-        let (pytorch, far_from_pytorch) = (nmse(&found, &theirs), max_error(&found, &theirs));
-        assert!(pytorch <= NETWORK_LIMIT, "{name}: NMSE {pytorch:.1e} to PyTorch");
-
-        let mut denoiser = Denoiser::new(device(), &weights, &Options::default()).unwrap();
-        let (found, plan) = engine_result(&mut denoiser, &frame.frame());
-        let mut reference = Reference::new(&plan, &weights).unwrap();
-        reference.set_frame(&frame.frame(), None, 0.0).unwrap();
-        (0..network_range(&plan).start).for_each(|i| reference.run_dispatch(i));
-        // That every branch matters is shown once for each kind of block.
-        let arch = weights.arch();
-        let blocks = arch.stages.iter().map(|stage| stage.block).chain([arch.bottleneck.block]);
-        if blocks.filter(|block| seen.insert(format!("{block:?}"))).count() > 0 {
-            run_and_assert_shares(&mut reference, &plan, &weights);
-        } else {
-            network_range(&plan).for_each(|i| reference.run_dispatch(i));
+    let (names, seen) = (Mutex::new(Arch::NAMES.into_iter()), Mutex::new(HashSet::new()));
+    let next = || names.lock().unwrap().next();
+    std::thread::scope(|scope| {
+        for _ in 0..2 {
+            scope.spawn(|| {
+                while let Some(name) = next() {
+                    assert_pytorch_and_the_reference(name, &golden, &seen);
+                }
+            });
         }
-        let nmse = padded_nmse(&found, &reference, &plan);
-        let expected = crop(&reference.view(&plan.residual), plan.padded, plan.padded);
-        let far = max_error(&crop(&found, plan.padded, plan.padded), &expected);
-        println!(
-            "{name}: NMSE {nmse:.1e}, largest error {far:.1e} of {:.1}; PyTorch {pytorch:.1e}, {far_from_pytorch:.1e}",
-            rms(&expected)
-        );
-        assert!(nmse <= NETWORK_LIMIT, "{name}: NMSE {nmse:.1e}");
-    }
+    });
     assert_no_validation_messages();
+}
+
+/// `seen`: the blocks of which it was shown that every branch matters, once for each kind.
+fn assert_pytorch_and_the_reference(name: &str, golden: &Golden, seen: &Mutex<HashSet<String>>) {
+    let (frame, weights) = (golden.frame(""), hashed(name, golden.number("seed") as u64));
+    let found = residual_of_golden_inputs(golden, "", &weights);
+    let theirs = wide(golden.tensor(&format!("residual.{name}")));
+    let (pytorch, far_from_pytorch) = (nmse(&found, &theirs), max_error(&found, &theirs));
+    assert!(pytorch <= NETWORK_LIMIT, "{name}: NMSE {pytorch:.1e} to PyTorch");
+
+    let mut denoiser = Denoiser::new(device(), &weights, &Options::default()).unwrap();
+    let (found, plan) = engine_result(&mut denoiser, &frame.frame());
+    let mut reference = Reference::new(&plan, &weights).unwrap();
+    reference.set_frame(&frame.frame(), None, 0.0).unwrap();
+    (0..network_range(&plan).start).for_each(|i| reference.run_dispatch(i));
+    let arch = weights.arch();
+    let blocks = arch.stages.iter().map(|stage| stage.block).chain([arch.bottleneck.block]);
+    let new = blocks.filter(|block| seen.lock().unwrap().insert(format!("{block:?}"))).count() > 0;
+    if new {
+        run_and_assert_shares(&mut reference, &plan, &weights);
+    } else {
+        network_range(&plan).for_each(|i| reference.run_dispatch(i));
+    }
+    let nmse = padded_nmse(&found, &reference, &plan);
+    let expected = crop(&reference.view(&plan.residual), plan.padded, plan.padded);
+    let far = max_error(&crop(&found, plan.padded, plan.padded), &expected);
+    println!(
+        "{name}: NMSE {nmse:.1e}, largest error {far:.1e} of {:.1}; PyTorch {pytorch:.1e}, {far_from_pytorch:.1e}",
+        rms(&expected)
+    );
+    assert!(nmse <= NETWORK_LIMIT, "{name}: NMSE {nmse:.1e}");
 }
 
 /// NMSE of a residual to the reference's, padding included.

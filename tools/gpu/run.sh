@@ -86,10 +86,11 @@ sweep() {
   done
 }
 if wants sweep; then
-  # A block's attention as one kernel or as four; subgroups that share a tile's tokens: as many everywhere; MiB of a map
-  # between consecutive operations, above which they run band by band.
+  # A block's attention as one kernel or as four; FFNs as two kernels in place of one; subgroups that share a tile's
+  # tokens: as many everywhere; MiB of a map between consecutive operations, above which they run band by band.
   for size in 1024x1024 256x256; do
-    sweep $size "--attention joined" "--attention four-kernels" "--matrix-halves 1" "--matrix-halves 2"
+    sweep $size "--attention joined" "--attention four-kernels" "--ffn two-kernels" \
+      "--matrix-halves 1" "--matrix-halves 2"
   done
   sweep 1024x1024 "--max-chain-mib 32" "--max-chain-mib 64"
 fi
