@@ -138,10 +138,7 @@ impl Steps<'_> {
     /// hidden channels are zeros in memory, and would be those of zeros.
     fn ffn(&mut self, at: usize) -> Option<(Call, usize)> {
         let graph = self.graph;
-        if self.target.arithmetic != Arithmetic::Matrices
-            || self.target.ffn != FfnForm::Joined
-            || self.target.converged.is_some()
-        {
+        if self.target.arithmetic != Arithmetic::Matrices || self.target.ffn != FfnForm::Joined {
             return None;
         }
         let [expand, depthwise, _] = graph.ops.get(at..at + FFN_OPS)? else { return None };
@@ -154,8 +151,9 @@ impl Steps<'_> {
             return None;
         };
         let ffn = Ffn::joined(&first, &separable)?;
+        // With lists too: weights are packed alike for a frame and for one in tiles, which has none.
         let biases = self.bias_rows(&expand.name, weight);
-        Some((Call::Ffn(Ffn { biases, ..ffn }), FFN_OPS))
+        self.target.converged.is_none().then_some((Call::Ffn(Ffn { biases, ..ffn }), FFN_OPS))
     }
 
     /// A depthwise convolution and the Linear that alone reads its result, all of it.
