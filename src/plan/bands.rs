@@ -13,7 +13,7 @@ use crate::kernels::{BufferId, Call, TILE, predicted};
 use crate::net::graph::Graph;
 use crate::net::op::{Op, OpKind, Shape, ValueId};
 use crate::target::Target;
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 /// Rows of the padded frame that a chain works on, in pixels.
 pub(super) struct Band {
@@ -40,11 +40,12 @@ impl Lowering<'_> {
     pub(super) fn chain(&mut self, at: usize) -> usize {
         let steps = self.steps;
         let first = steps.steps[at].ops.start;
-        let mut chain = Chain::new(self.graph, first, self.options, head_in_bands(self.graph));
+        let stored = steps.stored();
+        let mut chain = Chain::new(self.graph, first, self.options, &stored, head_in_bands(self.graph));
         let mut bands = self.bands(&chain);
         // The head reaches far: bands that are nearly the frame save nothing.
         if chain.makes_picture && self.rows(&chain, bands) + 2 * chain.halo >= self.padded.height {
-            chain = Chain::new(self.graph, first, self.options, None);
+            chain = Chain::new(self.graph, first, self.options, &stored, None);
             bands = self.bands(&chain);
         }
         // Lists of active tiles are those of whole maps.
@@ -139,8 +140,8 @@ struct Chain {
 
 impl Chain {
     /// The longest chain that begins at `at`; a single operation if there is no longer one. `head`: the first operation
-    /// of a head that may be one chain to the picture.
-    fn new(graph: &Graph, at: usize, target: &Target, head: Option<usize>) -> Self {
+    /// of a head that may be one chain to the picture; `stored`: the values that kernels leave in memory.
+    fn new(graph: &Graph, at: usize, target: &Target, stored: &HashSet<ValueId>, head: Option<usize>) -> Self {
         let mut best = Self { at, ops: 1, locals: Vec::new(), widest: 0, halo: 0, grain: TILE, makes_picture: false };
         let mut made: Vec<ValueId> = Vec::new();
         let kept = kept_for_kernels(graph);
@@ -170,7 +171,7 @@ impl Chain {
                     }
                     Shape::Vector { .. } => 0,
                 };
-                let widest = made.iter().map(bytes).max().unwrap_or(0);
+                let widest = made.iter().filter(|value| stored.contains(value)).map(bytes).max().unwrap_or(0);
                 let (ops, locals) = (i + 1 - at, made.clone());
                 let makes_picture = head.is_some() && result == graph.residual;
                 best = Self { at, ops, locals, widest, halo: reach.next_multiple_of(grain), grain, makes_picture };

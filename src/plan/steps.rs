@@ -8,7 +8,7 @@ use crate::kernels::{BufferId, Call, Storage, View, stats};
 use crate::net::graph::Graph;
 use crate::net::op::{Shape, Slice, ValueId};
 use crate::target::Target;
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 use std::ops::Range;
 
 /// A kernel that stands for operations of the graph.
@@ -64,6 +64,13 @@ pub(super) struct Steps<'a> {
 }
 
 impl<'a> Steps<'a> {
+    /// The values that a kernel reads or writes: not those between operations that run as one.
+    pub fn stored(&self) -> HashSet<ValueId> {
+        let maps = self.steps.iter().flat_map(|step| step.call.maps());
+        let touched: HashSet<BufferId> = maps.map(|(view, _)| view.buffer).collect();
+        self.values.iter().filter(|(_, buffer)| touched.contains(buffer)).map(|(value, _)| *value).collect()
+    }
+
     /// Of a folded graph. What it packs beyond `packing` is added.
     pub fn new(graph: &'a Graph, target: &'a Target, is_part: bool, packing: Packing) -> Self {
         Self::among(Vec::new(), graph, target, is_part, packing)
