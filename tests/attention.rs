@@ -112,7 +112,7 @@ fn attention_block() {
         let projection = Pack::Linear(linear(vec![part("proj", channels)], channels, None));
         let (x, f) = (cases.map(size, channels, 3.0), cases.map(size, values, 3.0));
         let dst = cases.target(size, channels);
-        let biases = [&qkv, &qkf].map(|weight| cases.pack(Pack::BiasRows(weight.clone())));
+        let biases = [&qkv, &qkf].map(|weight| cases.pack(Pack::BiasRows(Box::new(Pack::Linear(weight.clone())))));
         let block = AttentionBlock {
             x,
             f,

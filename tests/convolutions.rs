@@ -1,17 +1,18 @@
-//! The dense 3x3 convolutions, and FFNs around a depthwise one, against their f64 twins, over random shapes, strides,
-//! channel ranges and lists of tiles.
+//! The dense 3x3 convolutions, two of them as one kernel, and FFNs around a depthwise one, against their f64 twins, over
+//! random shapes, strides, channel ranges and lists of tiles.
 
 mod common;
 
-use common::case::{Cases, KERNEL_LIMIT, MATRIX_LIMIT, STORAGES, small_net, worth_compiling};
+use common::case::{Cases, KERNEL_LIMIT, MATRIX_LIMIT, STORAGES, small_hybrid, small_net, worth_compiling};
 use common::dense::{dense_cases, ending, size};
+use vkdenoise::kernels::color_embedding::{ColorEmbedding, Early};
 use vkdenoise::kernels::dense::Conv3x3;
 use vkdenoise::kernels::ffn::Ffn;
 use vkdenoise::kernels::maps::LayerNorm;
 use vkdenoise::kernels::normed_conv::NormedConv3x3;
 use vkdenoise::kernels::winograd::{Winograd3x3, WinogradTile};
 use vkdenoise::kernels::{Activation, Arithmetic, Call, Shuffle, Storage, Tiles};
-use vkdenoise::net::{Block, ConvWeight, Convolution, LinearPart, LinearWeight};
+use vkdenoise::net::{Block, ConvWeight, Convolution, Head, LinearPart, LinearWeight};
 use vkdenoise::plan::pack::Pack;
 
 fn add_conv(cases: &mut Cases, (inputs, outputs): (u32, u32), stride: u32, shuffle: Shuffle) {
@@ -225,7 +226,7 @@ fn ffn() {
             let call = Ffn {
                 x,
                 dst,
-                biases: cases.pack(Pack::BiasRows(expand.clone())),
+                biases: cases.pack(Pack::BiasRows(Box::new(Pack::Linear(expand.clone())))),
                 expand: cases.dense_pack(Pack::Linear(expand)),
                 depthwise: cases.pack(Pack::Depthwise { weight: "enc.0.0.ffn.depthwise".into(), channels: hidden }),
                 activation,
@@ -236,5 +237,54 @@ fn ffn() {
             cases.add(Call::Ffn(call), dst.buffer);
         }
         cases.check(&format!("ffn of {channels} channels"), MATRIX_LIMIT);
+    }
+}
+
+/// Down to frames of one tile, with and without what a head takes of the projected pixels.
+#[test]
+fn color_embedding() {
+    for with_early in worth_compiling(&[true, false], 2) {
+        let mut cases = Cases::new(13, small_hybrid(Head::pure()));
+        cases.arithmetic = Arithmetic::Matrices;
+        for _ in 0..6 {
+            let tokens = size(&mut cases, 8);
+            let pixels = (2 * tokens.0, 2 * tokens.1);
+            let conv = |name: &str, inputs| Pack::Conv3x3 {
+                weight: ConvWeight::Tensor(name.into()),
+                bias: true,
+                inputs,
+                outputs: 32,
+                shuffle: false,
+            };
+            cases.storage = Storage::F32;
+            let color = cases.map(pixels, 4, 3.0);
+            cases.storage = Storage::F16;
+            let dst = cases.target(tokens, 32);
+            let early = with_early.then(|| Early {
+                before: cases.map(pixels, 32, 2.0),
+                weights: cases.dense_pack(Pack::Linear(LinearWeight {
+                    parts: vec![LinearPart { prefix: "head.x0".into(), outputs: 32 }],
+                    inputs: 32,
+                    columns: 0..32,
+                    bias: true,
+                    norm: None,
+                })),
+                dst: cases.target(pixels, 32),
+            });
+            let call = ColorEmbedding {
+                color,
+                dst,
+                biases: cases.pack(Pack::BiasRows(Box::new(conv("color_proj", 3)))),
+                projection: cases.dense_pack(conv("color_proj", 3)),
+                embedding: cases.dense_pack(conv("patch_embed_x", 32)),
+                early,
+                tiles: cases.tiles(tokens),
+            };
+            cases.add(Call::ColorEmbedding(call.clone()), dst.buffer);
+            if let Some(early) = early {
+                cases.add(Call::ColorEmbedding(call), early.dst.buffer);
+            }
+        }
+        cases.check(&format!("color_embedding, early {with_early}"), MATRIX_LIMIT);
     }
 }

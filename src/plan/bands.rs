@@ -48,13 +48,15 @@ impl Lowering<'_> {
             chain = Chain::new(self.graph, first, self.options, &stored, None);
             bands = self.bands(&chain);
         }
-        // Lists of active tiles are those of whole maps.
-        if bands < 2 || self.options.converged.is_some() {
+        let count = steps.steps[at..].iter().take_while(|step| step.ops.start < chain.at + chain.ops).count();
+        let chained = &steps.steps[at..at + count];
+        // Lists of active tiles are those of whole maps. What a kernel of several operations leaves beside its result
+        // stays, and would be written beyond the band's rows too, where it need not be right.
+        let leaves_more = chained.iter().any(|step| step.ops.len() > 1 && step.call.results().len() > 1);
+        if bands < 2 || leaves_more || self.options.converged.is_some() {
             self.step(&steps.steps[at]);
             return 1;
         }
-        let count = steps.steps[at..].iter().take_while(|step| step.ops.start < chain.at + chain.ops).count();
-        let chained = &steps.steps[at..at + count];
         let rows = self.rows(&chain, bands);
         for (number, first) in (0..self.padded.height).step_by(rows as usize).enumerate() {
             let end = (first + rows).min(self.padded.height);

@@ -4,6 +4,7 @@ use super::pack::Pack;
 use super::steps::Steps;
 use crate::kernels::attention_block::AttentionBlock;
 use crate::kernels::aux_projection::AuxProjection;
+use crate::kernels::color_embedding::ColorEmbedding;
 use crate::kernels::ffn::Ffn;
 use crate::kernels::normed_conv::NormedConv3x3;
 use crate::kernels::separable::Separable3x3;
@@ -23,7 +24,7 @@ const FFN_OPS: usize = 3;
 impl Steps<'_> {
     /// The kernel of several operations that begin at `at`, by the first rule that has one, and how many they are.
     pub(super) fn fused(&mut self, at: usize) -> Option<(Call, usize)> {
-        let rules = [Self::aux_projection, Self::attention_block, Self::normed_conv, Self::ffn, Self::separable];
+        let rules = [Self::aux_projection, Self::color_embedding, Self::attention_block, Self::normed_conv, Self::ffn, Self::separable];
         rules.into_iter().find_map(|rule| rule(self, at))
     }
 
@@ -102,12 +103,54 @@ impl Steps<'_> {
         };
         let mut block = AttentionBlock::joined(qkv, qkf, attention, projection)?;
         let names = [&ops[0].name, &ops[1].name];
-        block.biases = [(names[0], of_x), (names[1], of_f)].map(|(name, weight)| self.bias_rows(name, weight));
+        block.biases = [(names[0], of_x), (names[1], of_f)].map(|(name, weight)| self.bias_rows(name, linear_of(weight)));
         Some((Call::AttentionBlock(block), ATTENTION_OPS))
     }
 
-    fn bias_rows(&mut self, name: &str, weight: &LinearWeight) -> BufferId {
-        self.pack(&format!("{name}.biases"), Pack::BiasRows(weight.clone()))
+    fn bias_rows(&mut self, name: &str, dense: Pack) -> BufferId {
+        self.pack(&format!("{name}.biases"), Pack::BiasRows(Box::new(dense)))
+    }
+
+    /// The colour's projection that begins at `at` and its embedding in tokens, with what a head takes of it between
+    /// them. `None` where none begins there, where no kernel takes them, and where lists of tiles are made: those of
+    /// pixels are others than those of tokens.
+    fn color_embedding(&mut self, at: usize) -> Option<(Call, usize)> {
+        let graph = self.graph;
+        if self.target.arithmetic != Arithmetic::Matrices {
+            return None;
+        }
+        let OpKind::Conv3x3 { input, weight, bias, output: projected, .. } = &graph.ops[at].kind else { return None };
+        let early = matches!(graph.ops.get(at + 1)?.kind, OpKind::Linear { .. });
+        let ops = 2 + usize::from(early);
+        let OpKind::Conv3x3 { input: embedded, .. } = &graph.ops.get(at + ops - 1)?.kind else { return None };
+        let mut others = graph.ops.iter().enumerate().filter(|(i, _)| !(at..at + ops).contains(i));
+        let read_elsewhere = others.any(|(_, op)| graph.reads(op).iter().any(|slice| slice.value == projected.value));
+        if *input != graph.whole(graph.color) || embedded != projected || read_elsewhere {
+            return None;
+        }
+        let (Call::Conv3x3(projection), Call::Conv3x3(embedding)) =
+            (self.op(&graph.ops[at]), self.op(&graph.ops[at + ops - 1]))
+        else {
+            return None;
+        };
+        let of_early = if early { Some(self.op(&graph.ops[at + 1])) } else { None };
+        let linear = match &of_early {
+            Some(Call::Linear(linear)) => Some(linear),
+            Some(_) => return None,
+            None => None,
+        };
+        let joined = ColorEmbedding::joined(&projection, linear, &embedding)?;
+        let pack = Pack::Conv3x3 {
+            weight: weight.clone(),
+            bias: *bias,
+            inputs: input.channels,
+            outputs: projected.channels,
+            shuffle: false,
+        };
+        // With lists too: weights are packed alike for a frame and for one in tiles, which has none.
+        let biases = self.bias_rows(&graph.ops[at].name, pack);
+        let call = Call::ColorEmbedding(ColorEmbedding { biases, ..joined });
+        self.target.converged.is_none().then_some((call, ops))
     }
 
     /// The norm that begins at `at` and the convolution that alone reads its result. `None` where none begins there, where
@@ -152,7 +195,7 @@ impl Steps<'_> {
         };
         let ffn = Ffn::joined(&first, &separable)?;
         // With lists too: weights are packed alike for a frame and for one in tiles, which has none.
-        let biases = self.bias_rows(&expand.name, weight);
+        let biases = self.bias_rows(&expand.name, linear_of(weight));
         self.target.converged.is_none().then_some((Call::Ffn(Ffn { biases, ..ffn }), FFN_OPS))
     }
 
@@ -175,6 +218,10 @@ impl Steps<'_> {
             _ => None,
         }
     }
+}
+
+fn linear_of(weight: &LinearWeight) -> Pack {
+    Pack::Linear(weight.clone())
 }
 
 /// Whether what lies between so many operations from `at` on is read by these alone.

@@ -106,8 +106,9 @@ pub enum Pack {
     /// a tile's rows (taps and inputs, filled up with zeros to a multiple of [`DEPTH`]) `[DEPTH rows][output][row]`, so
     /// that those of an output lie side by side.
     Halves(Box<Pack>),
-    /// The biases of a [`Pack::Linear`], [`BIAS_ROWS`] times: `[row][bias]`, where sums of matrices begin.
-    BiasRows(LinearWeight),
+    /// The biases of a [`Pack::Linear`] or [`Pack::Conv3x3`], [`BIAS_ROWS`] times: `[row][bias]`, where sums of matrices
+    /// begin.
+    BiasRows(Box<Pack>),
     /// `[biases of what is predicted from, by pixel of a token | the reliability's row | biases of the outputs | matrix
     /// by pixel of a token | matrix of the outputs]` of an [`crate::net::OpKind::PredictKernels`], matrices as `[output
     /// / 4][input][4 outputs]`.
@@ -161,7 +162,7 @@ impl Pack {
                 let rows = pack.rows();
                 rows.biases + rows.biases * rows.count.next_multiple_of(DEPTH as usize) / 2
             }
-            Self::BiasRows(w) => (BIAS_ROWS * linear_outputs(w).next_multiple_of(TILE_CHANNELS)) as usize,
+            Self::BiasRows(pack) => BIAS_ROWS as usize * pack.rows().biases,
             Self::Kernels { .. } => WEIGHTS,
             Self::KernelsMatrix { .. } => MATRIX_WEIGHTS,
             Self::FilmVector { inputs, outputs, .. } => (*outputs * (*inputs + 1)) as usize,
@@ -327,10 +328,10 @@ impl Pack {
                     *value = source[(dy * 15 + dx) * *heads as usize + head];
                 }
             }
-            Self::BiasRows(w) => {
-                let linear = Self::Linear(w.clone()).floats(weights)?;
-                let biases = &linear[..out.len() / BIAS_ROWS as usize];
-                out.chunks_exact_mut(biases.len()).for_each(|row| row.copy_from_slice(biases));
+            Self::BiasRows(pack) => {
+                let dense = pack.floats(weights)?;
+                let biases = &dense[..pack.rows().biases];
+                out.chunks_exact_mut(biases.len().max(1)).for_each(|row| row.copy_from_slice(biases));
             }
             // Their words are made of those of another pack.
             Self::Halves(_) | Self::UnembedMatrix { .. } | Self::KernelsMatrix { .. } => {}

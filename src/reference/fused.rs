@@ -3,9 +3,11 @@
 use super::dense::activate;
 use super::map::Map;
 use super::maps::normalise;
+use super::tiles::doubled;
 use super::{Reference, Twin};
 use crate::kernels::attention_block::AttentionBlock;
 use crate::kernels::aux_projection::{AuxProjection, CHANNELS};
+use crate::kernels::color_embedding::ColorEmbedding;
 use crate::kernels::ffn::Ffn;
 use crate::kernels::normed_conv::NormedConv3x3;
 use crate::kernels::separable::Separable3x3;
@@ -24,6 +26,24 @@ impl Twin for NormedConv3x3 {
     fn compute(&self, reference: &mut Reference) {
         let normed = reference.normed(&self.conv.src, self.norm);
         reference.convolution(&normed, &self.conv);
+    }
+}
+
+impl Twin for ColorEmbedding {
+    /// `embedding(projection(color))`, and `before + W projection(color)`.
+    fn compute(&self, reference: &mut Reference) {
+        let channels = self.dst.channels as usize;
+        let mut projected = reference.matrix(self.projection).apply(&reference.map(&self.color), 1, channels);
+        projected.values.iter_mut().for_each(|value| *value = activate(Activation::LeakyRelu, *value));
+        let tokens = reference.matrix(self.embedding).apply(&projected, 2, channels);
+        let tiles = reference.tiles(&self.tiles, self.dst.width, self.dst.height);
+        reference.store(&tokens, &self.dst, &tiles, |x, y, channel| (x, y, channel));
+        let Some(early) = &self.early else { return };
+        let mut result = reference.matrix(early.weights).apply(&projected, 1, channels);
+        let before = reference.map(&early.before).values;
+        result.values.iter_mut().zip(before).for_each(|(value, before)| *value += before);
+        let pixels: Vec<_> = tiles.iter().flat_map(|tile| doubled(*tile)).collect();
+        reference.store(&result, &early.dst, &pixels, |x, y, channel| (x, y, channel));
     }
 }
 

@@ -77,8 +77,7 @@ impl Parameters {
             Pack::BiasMatrix { table, heads } => {
                 return Self::new(&Pack::BiasTable { table: table.clone(), heads: *heads }, weights);
             }
-            Pack::Halves(pack) => return Self::new(pack, weights),
-            Pack::BiasRows(linear) => return Self::new(&Pack::Linear(linear.clone()), weights),
+            Pack::Halves(pack) | Pack::BiasRows(pack) => return Self::new(pack, weights),
             Pack::Kernels { head, levels } | Pack::KernelsMatrix { head, levels } => {
                 let linear = |name: &str, inputs: usize| -> Result<Linear, WeightsError> {
                     let rows = tensor(&format!("{head}.{name}"), "weight")?.chunks_exact(inputs);

@@ -18,6 +18,11 @@ fn grid((left, top): Tile, columns: usize, rows: usize) -> Vec<Tile> {
     (0..rows).flat_map(|y| (0..columns).map(move |x| (left + x * SIDE, top + y * SIDE))).collect()
 }
 
+/// The four tiles of a map of twice the size that a tile becomes.
+pub fn doubled((x, y): Tile) -> [Tile; 4] {
+    [(0, 0), (SIDE, 0), (0, SIDE), (SIDE, SIDE)].map(|(right, below)| (2 * x + right, 2 * y + below))
+}
+
 /// The tokens of some tiles that lie within a map.
 pub fn tokens(tiles: &[Tile], width: usize, height: usize) -> impl Iterator<Item = (usize, usize)> {
     let range = |first: usize, end: usize| first..(first + SIDE).min(end);

@@ -1,0 +1,206 @@
+// The colour's projection and its embedding in tokens of 2x2 pixels as one kernel, on cooperative matrices: a convolution
+// of the four channels of 32-bit floats to 32 (bias, leaky rectifier), and one of stride 2 of these. EARLY: what the
+// head's kernels are predicted from takes a Linear of the projected pixels too, which it adds to another map.
+//
+// A workgroup computes one 8x8 tile of tokens. The projected pixels are in shared memory alone: one column of the second
+// convolution's taps after the other, kx, eight pixels that lie two apart in each of 17 rows, the even rows before the
+// odd ones. So the pixels of a tile follow one another for every ky, and two of the columns hold every pixel of the tile
+// once.
+#version 460
+#include "shared/storage.glsl"
+#include "shared/tiles.glsl"
+#include "shared/matrix.glsl"
+
+layout(push_constant) uniform Push {
+    Source color;
+    Target dst;
+    Weights projection;   // [bias | halves, packed] of the first convolution
+    ReadFloats biases;    // its biases, sixteen times
+    Weights weights;      // [bias | halves, packed] of the second
+    Target early;         // with EARLY, as all of its kind
+    Residual before;      // added to it
+    Weights early_weights;
+    TileList tiles;       // with FLAG_TILE_LIST
+    uint width;           // tokens
+    uint height;
+    uint color_stride;    // strides and channel counts in vectors of four
+    uint dst_stride;
+    uint early_stride;
+    uint before_stride;
+    uint dst_channels;
+    uint bias_vectors;
+    uint first_tile;      // x | y << 16, in half tiles
+    uint tile_count;
+    uint flags;
+    uint unused;
+};
+
+const uint TILES = 1u;
+const uint HALVES = 4u;                          // every subgroup computes a quarter of the tile
+const uint CHANNELS = 32u;                       // of a projected pixel
+const uint STRIDE = CHANNELS / 8u + 1u;          // of its row, in vectors of eight
+const uint EVEN_ROWS = 9u;
+const uint PIXELS = 144u;                        // of a column of taps: 17 rows of eight, as many as whole matrices have
+const uint INPUTS = 48u;                         // nine taps of four channels, and zeros
+const uint TAPS_STRIDE = INPUTS / 8u + 1u;
+// Staged: projected pixels; where first their inputs lie, the weights of a column of taps and those of the Linear; the
+// weights of the projection.
+const uint STAGED_INPUTS = PIXELS * STRIDE;
+const uint COLUMN_BLOCKS = 3u * CHANNELS / 16u;
+const uint EARLY_BLOCK = COLUMN_BLOCKS;
+const uint PROJECTION_BLOCK = 16u;               // the first one after PIXELS * TAPS_STRIDE vectors
+const uint STAGED_BLOCKS = PROJECTION_BLOCK + INPUTS / 16u;
+#define SUMS_TOKENS 16u
+#include "shared/matrix_dense.glsl"
+
+const float LARGEST_HALF = 65504.0;
+
+vec4 tap_of(ivec2 pixel, uint tap) {
+    ivec2 at = pixel + ivec2(tap % 3u, tap / 3u) - 1;
+    ivec2 size = 2 * ivec2(width, height);
+    bool inside = tap < 9u && all(greaterThanEqual(at, ivec2(0))) && all(lessThan(at, size));
+    vec4 value = LOAD(color, uint(inside ? at.y * size.x + at.x : 0) * color_stride);
+    // Larger values would become infinite, and the sums NaN.
+    return inside ? clamp(value, -LARGEST_HALF, LARGEST_HALF) : vec4(0.0);
+}
+
+// The pixel that is staged as number `i` of a column of taps.
+ivec2 pixel_of(uvec2 origin, uint i, uint kx) {
+    uint row = i / 8u < EVEN_ROWS ? i / 8u * 2u : (i / 8u - EVEN_ROWS) * 2u + 1u;
+    return ivec2(2u * (origin + uvec2(i % 8u, 0u)) + uvec2(kx, row)) - 1;
+}
+
+// Stages what the pixels of a column of taps are projected from.
+void stage_taps(uvec2 origin, uint kx) {
+    for (uint i = tile_lane; i < PIXELS * (INPUTS / 8u); i += TILE_LANES) {
+        uint pixel = i % PIXELS, part = i / PIXELS;
+        ivec2 at = pixel_of(origin, pixel, kx);
+        staged[STAGED_INPUTS + pixel * TAPS_STRIDE + part] = pack_halves(tap_of(at, 2u * part), tap_of(at, 2u * part + 1u));
+    }
+}
+
+// Projects them.
+void stage_projected() {
+    // Not unrolled: CPU drivers spell every product out.
+    [[dont_unroll]] for (uint matrix = gl_SubgroupID; matrix < PIXELS / ROWS; matrix += SUBGROUPS) {
+        MatrixSum projected[COLUMN_TILES];
+        [[unroll]] for (uint n = 0u; n < COLUMN_TILES; ++n) {
+            coopMatLoad(projected[n], biases.v, n * COLUMNS, CHANNELS, gl_CooperativeMatrixLayoutRowMajor);
+        }
+        [[unroll]] for (uint k = 0u; k < INPUTS; k += DEPTH) {
+            MatrixA rows;
+            MatrixB columns[COLUMN_TILES];
+            uint from = STAGED_INPUTS + matrix * ROWS * TAPS_STRIDE + k / 8u;
+            coopMatLoad(rows, staged, from, TAPS_STRIDE, gl_CooperativeMatrixLayoutRowMajor);
+            load_weights(PROJECTION_BLOCK + k / 16u, k % 16u, columns);
+            [[unroll]] for (uint n = 0u; n < COLUMN_TILES; ++n) {
+                projected[n] = coopMatMulAdd(rows, columns[n], projected[n]);
+            }
+        }
+        [[unroll]] for (uint n = 0u; n < COLUMN_TILES; ++n) {
+            for (int i = 0; i < projected[n].length(); ++i) projected[n][i] = max(projected[n][i], 0.01 * projected[n][i]);
+            coopmat<float16_t, gl_ScopeSubgroup, ROWS, COLUMNS, gl_MatrixUseAccumulator> halves =
+                coopmat<float16_t, gl_ScopeSubgroup, ROWS, COLUMNS, gl_MatrixUseAccumulator>(projected[n]);
+            coopMatStore(halves, staged, matrix * ROWS * STRIDE + n * COLUMNS / 8u, STRIDE,
+                gl_CooperativeMatrixLayoutRowMajor);
+        }
+    }
+}
+
+// Beyond the frame projected pixels are zero.
+void clear_beyond(uvec2 origin, uint kx) {
+    for (uint i = tile_lane; i < PIXELS; i += TILE_LANES) {
+        ivec2 at = pixel_of(origin, i, kx);
+        if (all(greaterThanEqual(at, ivec2(0))) && all(lessThan(at, 2 * ivec2(width, height)))) continue;
+        for (uint part = 0u; part < CHANNELS / 8u; ++part) staged[i * STRIDE + part] = uvec4(0u);
+    }
+}
+
+#ifdef EARLY
+// Even rows of the tile's pixels, then odd ones: a matrix of each row of matrices.
+MatrixSum early_sums[2u * ROW_TILES * COLUMN_TILES];
+
+uint first_early(uint part) {
+    return (part == 0u ? EVEN_ROWS : 1u) * 8u + own_half * OWN_TOKENS;
+}
+
+void multiply_early() {
+    [[unroll]] for (uint i = 0u; i < 2u * ROW_TILES * COLUMN_TILES; ++i) early_sums[i] = MatrixSum(0.0);
+    [[unroll]] for (uint k = 0u; k < CHANNELS; k += DEPTH) {
+        MatrixB columns[COLUMN_TILES];
+        load_weights(EARLY_BLOCK + k / 16u, k % 16u, columns);
+        [[unroll]] for (uint m = 0u; m < 2u * ROW_TILES; ++m) {
+            MatrixA rows;
+            uint from = (first_early(m / ROW_TILES) + m % ROW_TILES * ROWS) * STRIDE + k / 8u;
+            coopMatLoad(rows, staged, from, STRIDE, gl_CooperativeMatrixLayoutRowMajor);
+            [[unroll]] for (uint n = 0u; n < COLUMN_TILES; ++n) {
+                early_sums[m * COLUMN_TILES + n] = coopMatMulAdd(rows, columns[n], early_sums[m * COLUMN_TILES + n]);
+            }
+        }
+    }
+}
+
+void finish_early(uvec2 origin, uint kx) {
+    uint to = gl_SubgroupID * SUMS_TOKENS * SUMS_STRIDE;
+    barrier();
+    [[unroll]] for (uint part = 0u; part < 2u; ++part) {
+        [[unroll]] for (uint m = 0u; m < ROW_TILES; ++m) {
+            [[unroll]] for (uint n = 0u; n < COLUMN_TILES; ++n) {
+                coopMatStore(early_sums[(part * ROW_TILES + m) * COLUMN_TILES + n], staged,
+                    to + m * ROWS * SUMS_STRIDE + n * COLUMNS / 4u, SUMS_STRIDE, gl_CooperativeMatrixLayoutRowMajor);
+            }
+        }
+        subgroupBarrier();
+        for (uint i = gl_SubgroupInvocationID; i < SUMS_TOKENS * CHANNELS / 4u; i += LANES) {
+            uint token = i / (CHANNELS / 4u), channel = i % (CHANNELS / 4u);
+            ivec2 at = pixel_of(origin, first_early(part) + token, kx);
+            uint pixel = uint(at.y) * 2u * width + uint(at.x);
+            vec4 value = staged_sum(token, channel) + LOAD_WEIGHTS(early_weights, channel);
+            STORE(early, pixel * early_stride + channel, value + LOAD(before, pixel * before_stride + channel));
+        }
+        subgroupBarrier();
+    }
+}
+#endif
+
+void finish(uvec2 at, uint channel, vec4 value) {
+    STORE(dst, (at.y * width + at.x) * dst_stride + channel, value);
+}
+
+void main() {
+    uint slot = group_index();
+    if (slot >= tiles_of(tile_count, flags, tiles)) return;                          // whole groups only
+    uvec2 origin = tile_origin(slot, first_tile, flags, tiles);
+    const bool live = true;
+    bool at_border = any(equal(origin, uvec2(0u))) || any(greaterThanEqual(origin + 8u, uvec2(width, height)));
+
+    stage_weights(Vectors(projection), 0u, INPUTS / 16u, PROJECTION_BLOCK, INPUTS / 16u, STAGED_BLOCKS);
+    clear_sums();
+    [[dont_unroll]] for (uint kx = 0u; kx < 3u; ++kx) {
+        barrier();
+        stage_taps(origin, kx);
+        barrier();
+        stage_projected();
+        barrier();
+        if (at_border) clear_beyond(origin, kx);
+        const uint BLOCKS = CHANNELS / 16u;
+        for (uint ky = 0u; ky < 3u; ++ky) {
+            stage_weights(Vectors(weights), (3u * ky + kx) * BLOCKS, 9u * BLOCKS, ky * BLOCKS, BLOCKS, STAGED_BLOCKS);
+        }
+#ifdef EARLY
+        if (kx > 0u) stage_weights(Vectors(early_weights), 0u, BLOCKS, EARLY_BLOCK, BLOCKS, STAGED_BLOCKS);
+#endif
+        barrier();
+        [[dont_unroll]] for (uint ky = 0u; ky < 3u; ++ky) {
+            uint row = (ky & 1u) * EVEN_ROWS + ky / 2u;
+            multiply_add(row * 8u * STRIDE, STRIDE, ky * BLOCKS, CHANNELS);
+        }
+#ifdef EARLY
+        if (kx > 0u) {
+            multiply_early();
+            finish_early(origin, kx);
+        }
+#endif
+    }
+    FINISH_SUMS(finish)
+}
