@@ -18,7 +18,7 @@ use vkdenoise::reference::Reference;
 use vkdenoise::testing::denoise_and_read;
 use vkdenoise::{
     BufferFrame, BufferPlane, Denoiser, Device, DeviceKind, Error, Extent, Features, Frame, FrameOptions, Layout,
-    Options, Plane, PlaneMut, Precision, SampleFormat,
+    Options, Plane, PlaneMut, Precision, Region, SampleFormat,
 };
 
 /// What rounding factors to halves may cost a whole pass that ends in kernels, which average, and in a residual.
@@ -55,13 +55,6 @@ fn errors(frame: &TestFrame, weights: &Weights) -> (f64, f64) {
     let mut output = vec![0.0; 3 * frame.extent.pixels() as usize];
     let plane = PlaneMut::f32(&mut output, Layout::interleaved(frame.extent, 3));
     let report = denoiser.denoise(&frame.frame(), plane).unwrap();
-    if compiles_fast() {
-        let banded = Options { max_chain_bytes: Some(1 << 18), ..on_matrices() };
-        let mut in_bands = vec![0.0; output.len()];
-        let plane = PlaneMut::f32(&mut in_bands, Layout::interleaved(frame.extent, 3));
-        Denoiser::new(device(), weights, &banded).unwrap().denoise(&frame.frame(), plane).unwrap();
-        assert_same_bits(&in_bands, &output, "in bands");
-    }
     let expected: Vec<f32> = reference.output().iter().map(|&v| v as f32).collect();
     let db = Comparison::new(frame.extent, &output, &expected).unwrap().tone_mapped_db(report.exposure);
     let (residual, _) = denoise_and_read(&mut denoiser, &frame.frame(), |plan| plan.residual.buffer).unwrap();
@@ -87,6 +80,41 @@ fn trained_networks_are_close_to_the_reference() {
         let (db, error) = errors(&golden.frame(prefix), weights);
         println!("trained weights, {name}, {prefix} {db:.1} dB, NMSE of the result {error:.1e}");
         assert!(db >= *least, "{name}, {prefix} {db:.1} dB");
+    }
+    assert_no_validation_messages();
+}
+
+/// Chains band by band, as in frames of 1920x1080 and more, and a rectangle of the frame. On a network that ships, in
+/// which kernels of several operations follow each other.
+#[test]
+fn bands_and_regions_have_the_bits_of_the_whole() {
+    if !has_matrices() {
+        return;
+    }
+    let weights = Weights::hybrid_kernels().unwrap();
+    let frame = Golden::read("golden_trained.safetensors").frame("square.");
+    let denoised = |options: &Options, region: Option<Region>| {
+        let mut output = vec![0.0; 3 * frame.extent.pixels() as usize];
+        let plane = PlaneMut::f32(&mut output, Layout::interleaved(frame.extent, 3));
+        let mut denoiser = Denoiser::new(device(), &weights, options).unwrap();
+        denoiser.set_region(region);
+        denoiser.denoise(&frame.frame(), plane).unwrap();
+        output
+    };
+    let whole = denoised(&on_matrices(), None);
+    for max_chain_bytes in [1 << 20, 1 << 18] {
+        let banded = Options { max_chain_bytes: Some(max_chain_bytes), ..on_matrices() };
+        assert_same_bits(&denoised(&banded, None), &whole, "in bands");
+        let rows = Region { x: 0, y: 43, width: frame.extent.width, height: 30 };
+        for (options, region) in [(&banded, rows), (&on_matrices(), Region { x: 21, width: 40, ..rows })] {
+            let part = denoised(options, Some(region));
+            let of_region = |picture: &[f32]| -> Vec<f32> {
+                let rows = picture.chunks_exact(3 * frame.extent.width as usize).skip(region.y as usize);
+                let columns = 3 * region.x as usize..3 * (region.x + region.width) as usize;
+                rows.take(region.height as usize).flat_map(|row| row[columns.clone()].to_vec()).collect()
+            };
+            assert_same_bits(&of_region(&part), &of_region(&whole), &format!("{region:?}"));
+        }
     }
     assert_no_validation_messages();
 }
