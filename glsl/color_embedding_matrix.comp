@@ -84,9 +84,7 @@ void stage_projected() {
     // Not unrolled: CPU drivers spell every product out.
     [[dont_unroll]] for (uint matrix = gl_SubgroupID; matrix < PIXELS / ROWS; matrix += SUBGROUPS) {
         MatrixSum projected[COLUMN_TILES];
-        [[unroll]] for (uint n = 0u; n < COLUMN_TILES; ++n) {
-            coopMatLoad(projected[n], biases.v, n * COLUMNS, CHANNELS, gl_CooperativeMatrixLayoutRowMajor);
-        }
+        [[unroll]] for (uint n = 0u; n < COLUMN_TILES; ++n) projected[n] = MatrixSum(0.0);
         [[unroll]] for (uint k = 0u; k < INPUTS; k += DEPTH) {
             MatrixA rows;
             MatrixB columns[COLUMN_TILES];
@@ -98,6 +96,10 @@ void stage_projected() {
             }
         }
         [[unroll]] for (uint n = 0u; n < COLUMN_TILES; ++n) {
+            // After the products, as the kernel by itself does: large frames have that one too, and the same bits.
+            MatrixSum bias;
+            coopMatLoad(bias, biases.v, n * COLUMNS, CHANNELS, gl_CooperativeMatrixLayoutRowMajor);
+            projected[n] = projected[n] + bias;
             for (int i = 0; i < projected[n].length(); ++i) projected[n][i] = max(projected[n][i], 0.01 * projected[n][i]);
             coopmat<float16_t, gl_ScopeSubgroup, ROWS, COLUMNS, gl_MatrixUseAccumulator> halves =
                 coopmat<float16_t, gl_ScopeSubgroup, ROWS, COLUMNS, gl_MatrixUseAccumulator>(projected[n]);
