@@ -133,13 +133,12 @@ impl Steps<'_> {
         else {
             return None;
         };
-        let of_early = if early { Some(self.op(&graph.ops[at + 1])) } else { None };
-        let linear = match &of_early {
+        let between = match early.then(|| self.op(&graph.ops[at + 1])) {
+            None => None,
             Some(Call::Linear(linear)) => Some(linear),
             Some(_) => return None,
-            None => None,
         };
-        let joined = ColorEmbedding::joined(&projection, linear, &embedding)?;
+        let joined = ColorEmbedding::joined(&projection, between.as_ref(), &embedding)?;
         let pack = Pack::Conv3x3 {
             weight: weight.clone(),
             bias: *bias,
