@@ -1,12 +1,12 @@
-//! The dense 3x3 convolutions, two of them as one kernel, and FFNs around a depthwise one, against their f64 twins, over
-//! random shapes, strides, channel ranges and lists of tiles.
+//! The dense 3x3 convolutions, two of them as one kernel, and FFNs around a depthwise one, against their f64 twins,
+//! over random shapes, strides, channel ranges and lists of tiles.
 
 mod common;
 
 use common::case::{Cases, KERNEL_LIMIT, MATRIX_LIMIT, STORAGES, small_hybrid, small_net, worth_compiling};
 use common::dense::{dense_cases, ending, size};
-use vkdenoise::kernels::color_embedding::{ColorEmbedding, Early};
 use vkdenoise::kernels::dense::Conv3x3;
+use vkdenoise::kernels::embedding::{Early, Embedding, Pixels};
 use vkdenoise::kernels::ffn::Ffn;
 use vkdenoise::kernels::maps::LayerNorm;
 use vkdenoise::kernels::normed_conv::NormedConv3x3;
@@ -240,12 +240,12 @@ fn ffn() {
     }
 }
 
-/// Down to frames of one tile, with and without what a head takes of the projected pixels.
+/// Down to frames of one tile: projected pixels with and without what a head takes of them, and pixels that are there.
 #[test]
-fn color_embedding() {
-    for with_early in worth_compiling(&[true, false], 2) {
+fn embedding() {
+    for (projected, with_early) in worth_compiling(&[(true, true), (true, false), (false, true)], 3) {
         let mut cases = Cases::new(13, small_hybrid(Head::pure()));
-        cases.arithmetic = Arithmetic::Matrices;
+        (cases.storage, cases.arithmetic) = (Storage::F16, Arithmetic::Matrices);
         for _ in 0..6 {
             let tokens = size(&mut cases, 8);
             let pixels = (2 * tokens.0, 2 * tokens.1);
@@ -256,35 +256,34 @@ fn color_embedding() {
                 outputs: 32,
                 shuffle: false,
             };
-            cases.storage = Storage::F32;
-            let color = cases.map(pixels, 4, 3.0);
-            cases.storage = Storage::F16;
-            let dst = cases.target(tokens, 32);
-            let early = with_early.then(|| Early {
-                before: cases.map(pixels, 32, 2.0),
-                weights: cases.dense_pack(Pack::Linear(LinearWeight {
-                    parts: vec![LinearPart { prefix: "head.x0".into(), outputs: 32 }],
-                    inputs: 32,
-                    columns: 0..32,
-                    bias: true,
-                    norm: None,
-                })),
-                dst: cases.target(pixels, 32),
+            let linear = Pack::Linear(LinearWeight {
+                parts: vec![LinearPart { prefix: "head.x0".into(), outputs: 32 }],
+                inputs: 32,
+                columns: 0..32,
+                bias: true,
+                norm: None,
             });
-            let call = ColorEmbedding {
-                color,
-                dst,
-                biases: cases.pack(Pack::BiasRows(Box::new(conv("color_proj", 3)))),
-                projection: cases.dense_pack(conv("color_proj", 3)),
-                embedding: cases.dense_pack(conv("patch_embed_x", 32)),
-                early,
-                tiles: cases.tiles(tokens),
+            let early = Early { weights: cases.dense_pack(linear), dst: cases.target(pixels, 32) };
+            let (src, of_pixels) = if projected {
+                let before = cases.map(pixels, 32, 2.0);
+                cases.storage = Storage::F32;
+                let color = cases.map(pixels, 4, 3.0);
+                cases.storage = Storage::F16;
+                let biases = cases.pack(Pack::BiasRows(Box::new(conv("color_proj", 3))));
+                let weights = cases.dense_pack(conv("color_proj", 3));
+                (color, Pixels::Projected { weights, biases, early: with_early.then_some((early, before)) })
+            } else {
+                (cases.map(pixels, 32, 3.0), Pixels::Stored { early })
             };
-            cases.add(Call::ColorEmbedding(call.clone()), dst.buffer);
-            if let Some(early) = early {
-                cases.add(Call::ColorEmbedding(call), early.dst.buffer);
+            let dst = cases.target(tokens, 32);
+            let embedding = cases.dense_pack(conv("patch_embed_x", 32));
+            let tiles = cases.tiles(tokens);
+            let call = Embedding { src, pixels: of_pixels, dst, embedding, tiles };
+            cases.add(Call::Embedding(call.clone()), dst.buffer);
+            if with_early {
+                cases.add(Call::Embedding(call), early.dst.buffer);
             }
         }
-        cases.check(&format!("color_embedding, early {with_early}"), MATRIX_LIMIT);
+        cases.check(&format!("embedding, projected {projected}, early {with_early}"), MATRIX_LIMIT);
     }
 }

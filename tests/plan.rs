@@ -305,7 +305,7 @@ fn dense_kernels_have_a_variant_on_matrices() {
                 // A power of two of invocations share a normed token of whole matrices.
                 Call::Linear(k) => !k.norm || (k.src.channels.is_power_of_two() && k.src.channels >= 16),
                 Call::NormedConv3x3(_) | Call::Separable3x3(_) | Call::AuxProjection(_) => true,
-                Call::AttentionBlock(_) | Call::Ffn(_) | Call::ColorEmbedding(_) | Call::Unembed(_) => true,
+                Call::AttentionBlock(_) | Call::Ffn(_) | Call::Embedding(_) | Call::Unembed(_) => true,
                 // Whole vectors of keys and whole matrices of values, and no more than an invocation has registers for.
                 Call::WindowAttention(k) => {
                     let whole = k.key_width.is_multiple_of(8) && k.value_width.is_multiple_of(16);

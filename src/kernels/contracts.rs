@@ -265,11 +265,14 @@ contracts! {
         AUX_PROJECTION_MATRIX = "aux_projection_matrix" "aux_projection_matrix.comp" AuxProjectionPush
             { "SRC_F16": "1", "DST_F16": "1" } MATRICES, AUX_MATRIX;
         /// The colour's projection and embedding in one on cooperative matrices.
-        COLOR_EMBEDDING_MATRIX = "color_embedding_matrix" "color_embedding_matrix.comp" ColorEmbeddingPush
-            { "DST_F16": "1" } MATRICES, MATRIX;
+        COLOR_EMBEDDING_MATRIX = "color_embedding_matrix" "embedding_matrix.comp" EmbeddingPush
+            { "DST_F16": "1", "PROJECTED": "1" } MATRICES, MATRIX;
         /// The same, with what a head of kernels takes of the projected pixels.
-        COLOR_EMBEDDING_EARLY_MATRIX = "color_embedding_early_matrix" "color_embedding_matrix.comp" ColorEmbeddingPush
-            { "DST_F16": "1", "EARLY": "1" } MATRICES, MATRIX;
+        COLOR_EMBEDDING_EARLY_MATRIX = "color_embedding_early_matrix" "embedding_matrix.comp" EmbeddingPush
+            { "DST_F16": "1", "PROJECTED": "1", "EARLY": "1" } MATRICES, MATRIX;
+        /// The embedding of pixels that are there, with what a head of kernels takes of them.
+        EMBEDDING_EARLY_MATRIX = "embedding_early_matrix" "embedding_matrix.comp" EmbeddingPush
+            { "SRC_F16": "1", "DST_F16": "1", "EARLY": "1" } MATRICES, MATRIX;
         /// What kernels of pixels are predicted from, on cooperative matrices.
         KERNEL_INPUTS_MATRIX = "kernel_inputs_matrix" "kernel_inputs_matrix.comp" KernelInputsPush
             { "SRC_F16": "1", "DST_F16": "1" } MATRICES, MATRIX;

@@ -22,8 +22,8 @@ macro_rules! for_kernels {
             Separable3x3(separable::Separable3x3),
             /// An FFN in one.
             Ffn(ffn::Ffn),
-            /// The colour's projection and embedding in one.
-            ColorEmbedding(color_embedding::ColorEmbedding),
+            /// Pixels embedded in tokens, with what comes before or beside.
+            Embedding(embedding::Embedding),
             /// The features' projection in one.
             AuxProjection(aux_projection::AuxProjection),
             /// Tokens of 2x2 to pixels.
@@ -88,12 +88,12 @@ mod accesses;
 pub mod attention_block;
 pub mod aux_projection;
 mod call;
-pub mod color_embedding;
 pub mod contract;
 pub mod contracts;
 pub mod converged;
 pub mod dense;
 pub mod ensemble;
+pub mod embedding;
 pub mod expand;
 pub mod ffn;
 pub mod film;

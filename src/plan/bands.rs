@@ -51,8 +51,10 @@ impl Lowering<'_> {
         let count = steps.steps[at..].iter().take_while(|step| step.ops.start < chain.at + chain.ops).count();
         let chained = &steps.steps[at..at + count];
         // Lists of active tiles are those of whole maps. What a kernel of several operations leaves beside its result
-        // stays, and would be written beyond the band's rows too, where it need not be right.
-        let leaves_more = chained.iter().any(|step| step.ops.len() > 1 && step.call.results().len() > 1);
+        // stays, and where others of the chain follow it would be written beyond the band's rows, where it need not be
+        // right.
+        let before_last = &chained[..count.saturating_sub(1)];
+        let leaves_more = before_last.iter().any(|step| step.ops.len() > 1 && step.call.results().len() > 1);
         if bands < 2 || leaves_more || self.options.converged.is_some() {
             self.step(&steps.steps[at]);
             return 1;

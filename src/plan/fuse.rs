@@ -4,7 +4,7 @@ use super::pack::Pack;
 use super::steps::Steps;
 use crate::kernels::attention_block::AttentionBlock;
 use crate::kernels::aux_projection::AuxProjection;
-use crate::kernels::color_embedding::ColorEmbedding;
+use crate::kernels::embedding::{Embedding, Pixels};
 use crate::kernels::ffn::Ffn;
 use crate::kernels::normed_conv::NormedConv3x3;
 use crate::kernels::separable::Separable3x3;
@@ -24,7 +24,15 @@ const FFN_OPS: usize = 3;
 impl Steps<'_> {
     /// The kernel of several operations that begin at `at`, by the first rule that has one, and how many they are.
     pub(super) fn fused(&mut self, at: usize) -> Option<(Call, usize)> {
-        let rules = [Self::aux_projection, Self::color_embedding, Self::attention_block, Self::normed_conv, Self::ffn, Self::separable];
+        let rules = [
+            Self::aux_projection,
+            Self::color_embedding,
+            Self::features_embedding,
+            Self::attention_block,
+            Self::normed_conv,
+            Self::ffn,
+            Self::separable,
+        ];
         rules.into_iter().find_map(|rule| rule(self, at))
     }
 
@@ -103,7 +111,8 @@ impl Steps<'_> {
         };
         let mut block = AttentionBlock::joined(qkv, qkf, attention, projection)?;
         let names = [&ops[0].name, &ops[1].name];
-        block.biases = [(names[0], of_x), (names[1], of_f)].map(|(name, weight)| self.bias_rows(name, linear_of(weight)));
+        let of = [(names[0], of_x), (names[1], of_f)];
+        block.biases = of.map(|(name, weight)| self.bias_rows(name, linear_of(weight)));
         Some((Call::AttentionBlock(block), ATTENTION_OPS))
     }
 
@@ -138,7 +147,7 @@ impl Steps<'_> {
             Some(Call::Linear(linear)) => Some(linear),
             Some(_) => return None,
         };
-        let joined = ColorEmbedding::joined(&projection, between.as_ref(), &embedding)?;
+        let mut embedding = Embedding::of_projected(&projection, between.as_ref(), &embedding)?;
         let pack = Pack::Conv3x3 {
             weight: weight.clone(),
             bias: *bias,
@@ -147,14 +156,38 @@ impl Steps<'_> {
             shuffle: false,
         };
         // With lists too: weights are packed alike for a frame and for one in tiles, which has none.
-        let biases = self.bias_rows(&graph.ops[at].name, pack);
-        let call = Call::ColorEmbedding(ColorEmbedding { biases, ..joined });
-        self.target.converged.is_none().then_some((call, ops))
+        let rows = self.bias_rows(&graph.ops[at].name, pack);
+        if let Pixels::Projected { biases, .. } = &mut embedding.pixels {
+            *biases = rows;
+        }
+        self.target.converged.is_none().then_some((Call::Embedding(embedding), ops))
     }
 
-    /// The norm that begins at `at` and the convolution that alone reads its result. `None` where none begins there, where
-    /// no kernel takes both, and where lists of tiles are made: beyond their tiles the convolution would read normed
-    /// zeros in place of zeros.
+    /// The head's Linear of the features at full size that is at `at`, and their embedding in tokens after it. `None`
+    /// where they are something else, and where lists of tiles are made: those of pixels are others than those of tokens.
+    fn features_embedding(&mut self, at: usize) -> Option<(Call, usize)> {
+        let graph = self.graph;
+        if self.target.arithmetic != Arithmetic::Matrices || self.target.converged.is_some() {
+            return None;
+        }
+        let [early, embedding] = graph.ops.get(at..at + 2)? else { return None };
+        let (OpKind::Linear { inputs, .. }, OpKind::Conv3x3 { input, .. }) = (&early.kind, &embedding.kind) else {
+            return None;
+        };
+        if *inputs != [*input] {
+            return None;
+        }
+        match (self.op(early), self.op(embedding)) {
+            (Call::Linear(early), Call::Conv3x3(embedding)) => {
+                Some((Call::Embedding(Embedding::of_stored(&early, &embedding)?), 2))
+            }
+            _ => None,
+        }
+    }
+
+    /// The norm that begins at `at` and the convolution that alone reads its result. `None` where none begins there,
+    /// where no kernel takes both, and where lists of tiles are made: beyond their tiles the convolution would read
+    /// normed zeros in place of zeros.
     fn normed_conv(&mut self, at: usize) -> Option<(Call, usize)> {
         let graph = self.graph;
         if self.target.arithmetic != Arithmetic::Matrices || self.target.converged.is_some() {
@@ -175,9 +208,9 @@ impl Steps<'_> {
         }
     }
 
-    /// The kernel of the FFN that begins at `at`, and how many operations it swallows. `None` where none begins there, where
-    /// no kernel takes it, where kernels of their own are asked for, and where lists of tiles are made: beyond their tiles
-    /// hidden channels are zeros in memory, and would be those of zeros.
+    /// The kernel of the FFN that begins at `at`, and how many operations it swallows. `None` where none begins there,
+    /// where no kernel takes it, where kernels of their own are asked for, and where lists of tiles are made: beyond their
+    /// tiles hidden channels are zeros in memory, and would be those of zeros.
     fn ffn(&mut self, at: usize) -> Option<(Call, usize)> {
         let graph = self.graph;
         if self.target.arithmetic != Arithmetic::Matrices || self.target.ffn != FfnForm::Joined {

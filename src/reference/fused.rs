@@ -7,7 +7,7 @@ use super::tiles::doubled;
 use super::{Reference, Twin};
 use crate::kernels::attention_block::AttentionBlock;
 use crate::kernels::aux_projection::{AuxProjection, CHANNELS};
-use crate::kernels::color_embedding::ColorEmbedding;
+use crate::kernels::embedding::{Embedding, Pixels};
 use crate::kernels::ffn::Ffn;
 use crate::kernels::normed_conv::NormedConv3x3;
 use crate::kernels::separable::Separable3x3;
@@ -29,21 +29,30 @@ impl Twin for NormedConv3x3 {
     }
 }
 
-impl Twin for ColorEmbedding {
-    /// `embedding(projection(color))`, and `before + W projection(color)`.
+impl Twin for Embedding {
+    /// `embedding(pixels)`, and a Linear of the pixels, added to a map or not.
     fn compute(&self, reference: &mut Reference) {
         let channels = self.dst.channels as usize;
-        let mut projected = reference.matrix(self.projection).apply(&reference.map(&self.color), 1, channels);
-        projected.values.iter_mut().for_each(|value| *value = activate(Activation::LeakyRelu, *value));
-        let tokens = reference.matrix(self.embedding).apply(&projected, 2, channels);
+        let (mut pixels, mut before) = (reference.map(&self.src), None);
+        let early = match &self.pixels {
+            Pixels::Projected { weights, early, .. } => {
+                pixels = reference.matrix(*weights).apply(&pixels, 1, channels);
+                pixels.values.iter_mut().for_each(|value| *value = activate(Activation::LeakyRelu, *value));
+                before = early.as_ref().map(|(_, before)| reference.map(before));
+                early.as_ref().map(|(early, _)| early)
+            }
+            Pixels::Stored { early } => Some(early),
+        };
+        let tokens = reference.matrix(self.embedding).apply(&pixels, 2, channels);
         let tiles = reference.tiles(&self.tiles, self.dst.width, self.dst.height);
         reference.store(&tokens, &self.dst, &tiles, |x, y, channel| (x, y, channel));
-        let Some(early) = &self.early else { return };
-        let mut result = reference.matrix(early.weights).apply(&projected, 1, channels);
-        let before = reference.map(&early.before).values;
-        result.values.iter_mut().zip(before).for_each(|(value, before)| *value += before);
-        let pixels: Vec<_> = tiles.iter().flat_map(|tile| doubled(*tile)).collect();
-        reference.store(&result, &early.dst, &pixels, |x, y, channel| (x, y, channel));
+        let Some(early) = early else { return };
+        let mut result = reference.matrix(early.weights).apply(&pixels, 1, channels);
+        for (value, before) in result.values.iter_mut().zip(before.iter().flat_map(|before| &before.values)) {
+            *value += before;
+        }
+        let tiles: Vec<_> = tiles.iter().flat_map(|tile| doubled(*tile)).collect();
+        reference.store(&result, &early.dst, &tiles, |x, y, channel| (x, y, channel));
     }
 }
 

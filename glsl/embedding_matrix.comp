@@ -1,29 +1,31 @@
-// The colour's projection and its embedding in tokens of 2x2 pixels as one kernel, on cooperative matrices: a convolution
-// of the four channels of 32-bit floats to 32 (bias, leaky rectifier), and one of stride 2 of these. EARLY: what the
-// head's kernels are predicted from takes a Linear of the projected pixels too, which it adds to another map.
+// The embedding of pixels of 32 channels in tokens of 2x2, a convolution of stride 2, on cooperative matrices, with
+// what comes before it or beside it:
+// PROJECTED: the pixels are the colour's, a convolution of four channels of 32-bit floats (bias, leaky rectifier); else
+// they are a map of halves, the features'.
+// EARLY: what the head's kernels are predicted from takes a Linear of the pixels too; the colour's adds what the
+// features' gave.
 //
-// A workgroup computes one 8x8 tile of tokens. The projected pixels are in shared memory alone: one column of the second
-// convolution's taps after the other, kx, eight pixels that lie two apart in each of 17 rows, the even rows before the
-// odd ones. So the pixels of a tile follow one another for every ky, and two of the columns hold every pixel of the tile
-// once.
+// A workgroup computes one 8x8 tile of tokens. Its pixels are in shared memory: one column of the convolution's taps
+// after the other, kx, eight pixels that lie two apart in each of 17 rows, the even rows before the odd ones. So the
+// pixels of a tile follow one another for every ky, and two of the columns hold every pixel of the tile once.
 #version 460
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"
 #include "shared/matrix.glsl"
 
 layout(push_constant) uniform Push {
-    Source color;
+    Source src;           // the colour, or the pixels
     Target dst;
-    Weights projection;   // [bias | halves, packed] of the first convolution
+    Weights projection;   // [bias | halves, packed], with PROJECTED
     ReadFloats biases;    // its biases, sixteen times
-    Weights weights;      // [bias | halves, packed] of the second
-    Target early;         // with EARLY, as all of its kind
-    Residual before;      // added to it
+    Weights weights;      // [bias | halves, packed] of the embedding
+    Target early;         // with EARLY
+    Residual before;      // with both
     Weights early_weights;
     TileList tiles;       // with FLAG_TILE_LIST
     uint width;           // tokens
     uint height;
-    uint color_stride;    // strides and channel counts in vectors of four
+    uint src_stride;      // strides and channel counts in vectors of four
     uint dst_stride;
     uint early_stride;
     uint before_stride;
@@ -37,32 +39,25 @@ layout(push_constant) uniform Push {
 
 const uint TILES = 1u;
 const uint HALVES = 4u;                          // every subgroup computes a quarter of the tile
-const uint CHANNELS = 32u;                       // of a projected pixel
+const uint CHANNELS = 32u;                       // of a pixel
 const uint STRIDE = CHANNELS / 8u + 1u;          // of its row, in vectors of eight
 const uint EVEN_ROWS = 9u;
-const uint PIXELS = 144u;                        // of a column of taps: 17 rows of eight, as many as whole matrices have
+const uint PIXELS = 144u;                        // of a column of taps, 17 rows of eight, in whole matrices
 const uint INPUTS = 48u;                         // nine taps of four channels, and zeros
 const uint TAPS_STRIDE = INPUTS / 8u + 1u;
-// Staged: projected pixels; where first their inputs lie, the weights of a column of taps and those of the Linear; the
-// weights of the projection.
+// Staged: pixels; where first lies what they are projected from, the weights of a column of taps and those of the
+// Linear; the weights of the projection.
 const uint STAGED_INPUTS = PIXELS * STRIDE;
 const uint COLUMN_BLOCKS = 3u * CHANNELS / 16u;
 const uint EARLY_BLOCK = COLUMN_BLOCKS;
 const uint PROJECTION_BLOCK = 16u;               // the first one after PIXELS * TAPS_STRIDE vectors
+#ifdef PROJECTED
 const uint STAGED_BLOCKS = PROJECTION_BLOCK + INPUTS / 16u;
+#else
+const uint STAGED_BLOCKS = EARLY_BLOCK + CHANNELS / 16u;
+#endif
 #define SUMS_TOKENS 16u
 #include "shared/matrix_dense.glsl"
-
-const float LARGEST_HALF = 65504.0;
-
-vec4 tap_of(ivec2 pixel, uint tap) {
-    ivec2 at = pixel + ivec2(tap % 3u, tap / 3u) - 1;
-    ivec2 size = 2 * ivec2(width, height);
-    bool inside = tap < 9u && all(greaterThanEqual(at, ivec2(0))) && all(lessThan(at, size));
-    vec4 value = LOAD(color, uint(inside ? at.y * size.x + at.x : 0) * color_stride);
-    // Larger values would become infinite, and the sums NaN.
-    return inside ? clamp(value, -LARGEST_HALF, LARGEST_HALF) : vec4(0.0);
-}
 
 // The pixel that is staged as number `i` of a column of taps.
 ivec2 pixel_of(uvec2 origin, uint i, uint kx) {
@@ -70,12 +65,28 @@ ivec2 pixel_of(uvec2 origin, uint i, uint kx) {
     return ivec2(2u * (origin + uvec2(i % 8u, 0u)) + uvec2(kx, row)) - 1;
 }
 
+bool is_inside(ivec2 pixel) {
+    return all(greaterThanEqual(pixel, ivec2(0))) && all(lessThan(pixel, 2 * ivec2(width, height)));
+}
+
+#ifdef PROJECTED
+const float LARGEST_HALF = 65504.0;
+
+vec4 tap_of(ivec2 pixel, uint tap) {
+    ivec2 at = pixel + ivec2(tap % 3u, tap / 3u) - 1;
+    bool inside = tap < 9u && is_inside(at);
+    vec4 value = LOAD(src, (inside ? uint(at.y) * 2u * width + uint(at.x) : 0u) * src_stride);
+    // Larger values would become infinite, and the sums NaN.
+    return inside ? clamp(value, -LARGEST_HALF, LARGEST_HALF) : vec4(0.0);
+}
+
 // Stages what the pixels of a column of taps are projected from.
 void stage_taps(uvec2 origin, uint kx) {
     for (uint i = tile_lane; i < PIXELS * (INPUTS / 8u); i += TILE_LANES) {
         uint pixel = i % PIXELS, part = i / PIXELS;
         ivec2 at = pixel_of(origin, pixel, kx);
-        staged[STAGED_INPUTS + pixel * TAPS_STRIDE + part] = pack_halves(tap_of(at, 2u * part), tap_of(at, 2u * part + 1u));
+        uvec4 halves = pack_halves(tap_of(at, 2u * part), tap_of(at, 2u * part + 1u));
+        staged[STAGED_INPUTS + pixel * TAPS_STRIDE + part] = halves;
     }
 }
 
@@ -100,7 +111,9 @@ void stage_projected() {
             MatrixSum bias;
             coopMatLoad(bias, biases.v, n * COLUMNS, CHANNELS, gl_CooperativeMatrixLayoutRowMajor);
             projected[n] = projected[n] + bias;
-            for (int i = 0; i < projected[n].length(); ++i) projected[n][i] = max(projected[n][i], 0.01 * projected[n][i]);
+            for (int i = 0; i < projected[n].length(); ++i) {
+                projected[n][i] = max(projected[n][i], 0.01 * projected[n][i]);
+            }
             coopmat<float16_t, gl_ScopeSubgroup, ROWS, COLUMNS, gl_MatrixUseAccumulator> halves =
                 coopmat<float16_t, gl_ScopeSubgroup, ROWS, COLUMNS, gl_MatrixUseAccumulator>(projected[n]);
             coopMatStore(halves, staged, matrix * ROWS * STRIDE + n * COLUMNS / 8u, STRIDE,
@@ -109,17 +122,41 @@ void stage_projected() {
     }
 }
 
-// Beyond the frame projected pixels are zero.
+// Beyond the frame pixels are zero.
 void clear_beyond(uvec2 origin, uint kx) {
     for (uint i = tile_lane; i < PIXELS; i += TILE_LANES) {
         ivec2 at = pixel_of(origin, i, kx);
-        if (all(greaterThanEqual(at, ivec2(0))) && all(lessThan(at, 2 * ivec2(width, height)))) continue;
+        if (is_inside(at)) continue;
         for (uint part = 0u; part < CHANNELS / 8u; ++part) staged[i * STRIDE + part] = uvec4(0u);
     }
 }
 
+#else
+const uint VECTORS = CHANNELS / 8u;
+const uint LOADS = 5u;                           // of an invocation at a time
+
+// Stages a column of taps. Loads come before the stores, so that they overlap.
+void stage_pixels(uvec2 origin, uint kx) {
+    Vectors from = Vectors(src);
+    [[dont_unroll]] for (uint begin = tile_lane; begin < PIXELS * VECTORS; begin += LOADS * TILE_LANES) {
+        uvec4 halves[LOADS];
+        [[unroll]] for (uint n = 0u; n < LOADS; ++n) {
+            uint i = min(begin + n * TILE_LANES, PIXELS * VECTORS - 1u);
+            ivec2 at = pixel_of(origin, i / VECTORS, kx);
+            bool inside = is_inside(at);
+            uint pixel = inside ? uint(at.y) * 2u * width + uint(at.x) : 0u;
+            halves[n] = mix(uvec4(0u), from.v[pixel * (src_stride / 2u) + i % VECTORS], bvec4(inside));
+        }
+        [[unroll]] for (uint n = 0u; n < LOADS; ++n) {
+            uint i = begin + n * TILE_LANES;
+            if (i < PIXELS * VECTORS) staged[i / VECTORS * STRIDE + i % VECTORS] = halves[n];
+        }
+    }
+}
+#endif
+
 #ifdef EARLY
-// Even rows of the tile's pixels, then odd ones: a matrix of each row of matrices.
+// Even rows of the tile's pixels, then odd ones.
 MatrixSum early_sums[2u * ROW_TILES * COLUMN_TILES];
 
 uint first_early(uint part) {
@@ -158,7 +195,10 @@ void finish_early(uvec2 origin, uint kx) {
             ivec2 at = pixel_of(origin, first_early(part) + token, kx);
             uint pixel = uint(at.y) * 2u * width + uint(at.x);
             vec4 value = staged_sum(token, channel) + LOAD_WEIGHTS(early_weights, channel);
-            STORE(early, pixel * early_stride + channel, value + LOAD(before, pixel * before_stride + channel));
+#ifdef PROJECTED
+            value += LOAD(before, pixel * before_stride + channel);
+#endif
+            STORE(early, pixel * early_stride + channel, value);
         }
         subgroupBarrier();
     }
@@ -174,17 +214,23 @@ void main() {
     if (slot >= tiles_of(tile_count, flags, tiles)) return;                          // whole groups only
     uvec2 origin = tile_origin(slot, first_tile, flags, tiles);
     const bool live = true;
-    bool at_border = any(equal(origin, uvec2(0u))) || any(greaterThanEqual(origin + 8u, uvec2(width, height)));
 
+#ifdef PROJECTED
+    bool at_border = any(equal(origin, uvec2(0u))) || any(greaterThanEqual(origin + 8u, uvec2(width, height)));
     stage_weights(Vectors(projection), 0u, INPUTS / 16u, PROJECTION_BLOCK, INPUTS / 16u, STAGED_BLOCKS);
+#endif
     clear_sums();
     [[dont_unroll]] for (uint kx = 0u; kx < 3u; ++kx) {
         barrier();
+#ifdef PROJECTED
         stage_taps(origin, kx);
         barrier();
         stage_projected();
         barrier();
         if (at_border) clear_beyond(origin, kx);
+#else
+        stage_pixels(origin, kx);
+#endif
         const uint BLOCKS = CHANNELS / 16u;
         for (uint ky = 0u; ky < 3u; ++ky) {
             stage_weights(Vectors(weights), (3u * ky + kx) * BLOCKS, 9u * BLOCKS, ky * BLOCKS, BLOCKS, STAGED_BLOCKS);
