@@ -104,7 +104,7 @@ fn bands_and_regions_have_the_bits_of_the_whole() {
     let whole = denoised(&on_matrices(), None);
     for max_chain_bytes in [1 << 18, 1 << 16] {
         let banded = Options { max_chain_bytes: Some(max_chain_bytes), ..on_matrices() };
-        assert_same_bits(&denoised(&banded, None), &whole, "in bands");
+        assert_same_bits(&denoised(&banded, None), &whole, &format!("in bands of {max_chain_bytes} bytes"));
         let rows = Region { x: 0, y: 43, width: frame.extent.width, height: 30 };
         for (options, region) in [(&banded, rows), (&on_matrices(), Region { x: 21, width: 40, ..rows })] {
             let part = denoised(options, Some(region));

@@ -270,7 +270,10 @@ contracts! {
         /// The same, with what a head of kernels takes of the projected pixels.
         COLOR_EMBEDDING_EARLY_MATRIX = "color_embedding_early_matrix" "embedding_matrix.comp" EmbeddingPush
             { "DST_F16": "1", "PROJECTED": "1", "EARLY": "1" } MATRICES, MATRIX;
-        /// The embedding of pixels that are there, with what a head of kernels takes of them.
+        /// The embedding of pixels that are there.
+        EMBEDDING_MATRIX = "embedding_matrix" "embedding_matrix.comp" EmbeddingPush
+            { "SRC_F16": "1", "DST_F16": "1" } MATRICES, MATRIX;
+        /// The same, with what a head of kernels takes of them.
         EMBEDDING_EARLY_MATRIX = "embedding_early_matrix" "embedding_matrix.comp" EmbeddingPush
             { "SRC_F16": "1", "DST_F16": "1", "EARLY": "1" } MATRICES, MATRIX;
         /// What kernels of pixels are predicted from, on cooperative matrices.

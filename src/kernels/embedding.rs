@@ -50,7 +50,7 @@ pub enum Pixels {
     /// The source itself, a map of halves.
     Stored {
         /// `W pixels`.
-        early: Early,
+        early: Option<Early>,
     },
 }
 
@@ -79,11 +79,17 @@ impl Embedding {
         is_projection.then_some(Self { src: projection.src, ..joined })
     }
 
-    /// A Linear and the embedding of the same map as one; `None` where they are something else or no kernel takes them.
-    pub fn of_stored(early: &Linear, embedding: &Conv3x3) -> Option<Self> {
+    /// The embedding of a map, with a Linear of the same one; `None` where they are something else or no kernel takes
+    /// them.
+    pub fn of_stored(early: Option<&Linear>, embedding: &Conv3x3) -> Option<Self> {
         let src = embedding.src;
-        let fits = early.residual.is_none() && on_matrices::can_load([&src]) && src.channels == CHANNELS;
-        Self::joined(&src, Pixels::Stored { early: Early::of(&src, early)? }, embedding).filter(|_| fits)
+        let adds = early.is_some_and(|linear| linear.residual.is_some());
+        let early = match early {
+            None => None,
+            Some(linear) => Some(Early::of(&src, linear)?),
+        };
+        let fits = !adds && on_matrices::can_load([&src]) && src.channels == CHANNELS;
+        Self::joined(&src, Pixels::Stored { early }, embedding).filter(|_| fits)
     }
 
     fn joined(pixels: &View, of: Pixels, embedding: &Conv3x3) -> Option<Self> {
@@ -102,7 +108,7 @@ impl Embedding {
     fn early(&self) -> Option<&Early> {
         match &self.pixels {
             Pixels::Projected { early, .. } => early.as_ref().map(|(early, _)| early),
-            Pixels::Stored { early } => Some(early),
+            Pixels::Stored { early } => early.as_ref(),
         }
     }
 }
@@ -131,6 +137,7 @@ impl Kernel for Embedding {
         let contract = match self.pixels {
             Pixels::Projected { early: None, .. } => &contracts::COLOR_EMBEDDING_MATRIX,
             Pixels::Projected { .. } => &contracts::COLOR_EMBEDDING_EARLY_MATRIX,
+            Pixels::Stored { early: None } => &contracts::EMBEDDING_MATRIX,
             Pixels::Stored { .. } => &contracts::EMBEDDING_EARLY_MATRIX,
         };
         Variant::on_matrices(contract, Specialisation::default())
@@ -191,10 +198,10 @@ impl Kernel for Embedding {
         }
         visit(&mut self.dst, Access::Write(Scale::Same));
         match &mut self.pixels {
-            Pixels::Projected { early: Some((early, _)), .. } | Pixels::Stored { early } => {
+            Pixels::Projected { early: Some((early, _)), .. } | Pixels::Stored { early: Some(early) } => {
                 visit(&mut early.dst, Access::Write(Scale::Double));
             }
-            Pixels::Projected { .. } => {}
+            Pixels::Projected { early: None, .. } | Pixels::Stored { early: None } => {}
         }
     }
 

@@ -163,26 +163,33 @@ impl Steps<'_> {
         self.target.converged.is_none().then_some((Call::Embedding(embedding), ops))
     }
 
-    /// The head's Linear of the features at full size that is at `at`, and their embedding in tokens after it. `None`
-    /// where they are something else, and where lists of tiles are made: those of pixels are others than those of tokens.
+    /// The embedding of the features in tokens, with the head's Linear of them that is right before it. By itself too,
+    /// where a head makes the features' part again at its end: its sums have another order in a convolution's own kernel.
+    /// `None` where they are something else, and where lists of tiles are made: those of pixels are others than those of
+    /// tokens.
     fn features_embedding(&mut self, at: usize) -> Option<(Call, usize)> {
         let graph = self.graph;
-        if self.target.arithmetic != Arithmetic::Matrices || self.target.converged.is_some() {
+        let has_head = graph.arch.head.kernels().is_some();
+        if self.target.arithmetic != Arithmetic::Matrices || self.target.converged.is_some() || !has_head {
             return None;
         }
-        let [early, embedding] = graph.ops.get(at..at + 2)? else { return None };
-        let (OpKind::Linear { inputs, .. }, OpKind::Conv3x3 { input, .. }) = (&early.kind, &embedding.kind) else {
-            return None;
-        };
-        if *inputs != [*input] {
-            return None;
-        }
-        match (self.op(early), self.op(embedding)) {
-            (Call::Linear(early), Call::Conv3x3(embedding)) => {
-                Some((Call::Embedding(Embedding::of_stored(&early, &embedding)?), 2))
-            }
+        let early = match &graph.ops[at].kind {
+            OpKind::Linear { inputs, .. } => Some(inputs),
             _ => None,
+        };
+        let ops = 1 + usize::from(early.is_some());
+        let embedding = graph.ops.get(at + ops - 1)?;
+        let OpKind::Conv3x3 { input, .. } = &embedding.kind else { return None };
+        if early.is_some_and(|inputs| *inputs != [*input]) {
+            return None;
         }
+        let linear = match early.map(|_| self.op(&graph.ops[at])) {
+            None => None,
+            Some(Call::Linear(linear)) => Some(linear),
+            Some(_) => return None,
+        };
+        let Call::Conv3x3(embedding) = self.op(embedding) else { return None };
+        Some((Call::Embedding(Embedding::of_stored(linear.as_ref(), &embedding)?), ops))
     }
 
     /// The norm that begins at `at` and the convolution that alone reads its result. `None` where none begins there,

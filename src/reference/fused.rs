@@ -41,7 +41,7 @@ impl Twin for Embedding {
                 before = early.as_ref().map(|(_, before)| reference.map(before));
                 early.as_ref().map(|(early, _)| early)
             }
-            Pixels::Stored { early } => Some(early),
+            Pixels::Stored { early } => early.as_ref(),
         };
         let tokens = reference.matrix(self.embedding).apply(&pixels, 2, channels);
         let tiles = reference.tiles(&self.tiles, self.dst.width, self.dst.height);
