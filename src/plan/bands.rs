@@ -40,12 +40,11 @@ impl Lowering<'_> {
     pub(super) fn chain(&mut self, at: usize) -> usize {
         let steps = self.steps;
         let first = steps.steps[at].ops.start;
-        let stored = steps.stored();
-        let mut chain = Chain::new(self.graph, first, self.options, &stored, head_in_bands(self.graph));
+        let mut chain = Chain::new(self.graph, first, self.options, &self.stored, head_in_bands(self.graph));
         let mut bands = self.bands(&chain);
         // The head reaches far: bands that are nearly the frame save nothing.
         if chain.makes_picture && self.rows(&chain, bands) + 2 * chain.halo >= self.padded.height {
-            chain = Chain::new(self.graph, first, self.options, &stored, None);
+            chain = Chain::new(self.graph, first, self.options, &self.stored, None);
             bands = self.bands(&chain);
         }
         let count = steps.steps[at..].iter().take_while(|step| step.ops.start < chain.at + chain.ops).count();

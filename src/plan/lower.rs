@@ -17,7 +17,7 @@ use crate::net::cost::op_flops;
 use crate::net::graph::Graph;
 use crate::net::op::{Stage, ValueId};
 use crate::target::Target;
-use std::collections::HashMap;
+use std::collections::{HashMap, HashSet};
 
 /// The steps at a size.
 pub(super) struct Lowering<'a> {
@@ -30,6 +30,8 @@ pub(super) struct Lowering<'a> {
     pub dispatches: Vec<Dispatch>,
     /// The band that operations are lowered for, where a chain of them runs band by band.
     pub band: Option<Band>,
+    /// Values that kernels leave in memory.
+    pub stored: HashSet<ValueId>,
     /// How many partial sums a buffer holds, and of how many tokens.
     sums: HashMap<BufferId, (u64, u64)>,
     pub stats: BufferId,
@@ -61,6 +63,7 @@ impl<'a> Lowering<'a> {
             buffers: steps.buffers.clone(),
             dispatches: Vec::new(),
             band: None,
+            stored: steps.stored(),
             sums: HashMap::new(),
             stats: steps.stats,
             tile_stats: BufferId(0),
