@@ -12,9 +12,12 @@ use common::network::{crop, plan_of};
 use common::planes::TestFrame;
 use common::trained::residual_hybrid;
 use common::vulkan::Renderer;
+use vkdenoise::kernels::{Arithmetic, Storage};
 use vkdenoise::metrics::Comparison;
-use vkdenoise::net::{Arch, Weights};
+use vkdenoise::net::{Arch, Graph, Weights};
+use vkdenoise::plan::plan;
 use vkdenoise::reference::Reference;
+use vkdenoise::target::Target;
 use vkdenoise::testing::denoise_and_read;
 use vkdenoise::{
     BufferFrame, BufferPlane, Denoiser, Device, DeviceKind, Error, Extent, Features, Frame, FrameOptions, Layout,
@@ -55,6 +58,13 @@ fn errors(frame: &TestFrame, weights: &Weights) -> (f64, f64) {
     let mut output = vec![0.0; 3 * frame.extent.pixels() as usize];
     let plane = PlaneMut::f32(&mut output, Layout::interleaved(frame.extent, 3));
     let report = denoiser.denoise(&frame.frame(), plane).unwrap();
+    if compiles_fast() {
+        let banded = Options { max_chain_bytes: Some(1 << 18), ..on_matrices() };
+        let mut in_bands = vec![0.0; output.len()];
+        let plane = PlaneMut::f32(&mut in_bands, Layout::interleaved(frame.extent, 3));
+        Denoiser::new(device(), weights, &banded).unwrap().denoise(&frame.frame(), plane).unwrap();
+        assert_same_bits(&in_bands, &output, "in bands");
+    }
     let expected: Vec<f32> = reference.output().iter().map(|&v| v as f32).collect();
     let db = Comparison::new(frame.extent, &output, &expected).unwrap().tone_mapped_db(report.exposure);
     let (residual, _) = denoise_and_read(&mut denoiser, &frame.frame(), |plan| plan.residual.buffer).unwrap();
@@ -117,6 +127,28 @@ fn bands_and_regions_have_the_bits_of_the_whole() {
         }
     }
     assert_no_validation_messages();
+}
+
+/// Where chains run in narrow bands and what a head takes of pixels is kept all the same: the plan alone, by its f64
+/// twins. A kernel that leaves more than its result must not compute rows that only those after it need.
+#[test]
+fn what_is_kept_is_right_whatever_the_bands() {
+    let weights = Weights::hybrid_kernels().unwrap();
+    let frame = Golden::read("golden_trained.safetensors").frame("square.");
+    let graph = Graph::new(weights.arch()).unwrap();
+    let denoised = |max_chain_bytes| {
+        let suitable = Target::for_gpu(Storage::F16, Arithmetic::Matrices);
+        let target = Target { max_chain_bytes, max_kept_bytes: u64::MAX, ..suitable };
+        let plan = plan(&graph, frame.extent, &target).unwrap();
+        let mut reference = Reference::new(&plan, &weights).unwrap();
+        reference.set_frame(&frame.frame(), None, 0.0).unwrap();
+        reference.run();
+        (plan.dispatches.len(), reference.output().to_vec())
+    };
+    let ((dispatches, whole), (in_bands, banded)) = (denoised(u64::MAX), denoised(1 << 16));
+    assert!(in_bands > dispatches, "{in_bands} dispatches in bands, {dispatches} without");
+    let far = banded.iter().zip(&whole).map(|(a, b)| (a - b).abs()).fold(0.0, f64::max);
+    assert!(far <= 1e-9, "in bands off by {far:.1e}");
 }
 
 /// Random weights, with joint scores that span +-5 and every branch worth a tenth of its block: attention turns small
