@@ -68,9 +68,7 @@ MatrixA rows_of_f[STEPS];
     MatrixSum sum; \
     coopMatLoad(sum, biases.v, n, outputs, gl_CooperativeMatrixLayoutRowMajor); \
     [[unroll]] for (uint k = 0u; k < STEPS; ++k) sum = coopMatMulAdd(rows[k], columns[k], sum); \
-    coopmat<float16_t, gl_ScopeSubgroup, ROWS, COLUMNS, gl_MatrixUseAccumulator> halves = \
-        coopmat<float16_t, gl_ScopeSubgroup, ROWS, COLUMNS, gl_MatrixUseAccumulator>(sum); \
-    coopMatStore(halves, staged, (to) + gl_SubgroupID * QUERIES * (stride), stride, \
+    coopMatStore(MatrixHalves(sum), staged, (to) + gl_SubgroupID * QUERIES * (stride), stride, \
         gl_CooperativeMatrixLayoutRowMajor); \
     }
 

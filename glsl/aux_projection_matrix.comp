@@ -84,9 +84,7 @@ void pointwise(const uint tokens, const uint depth, const uint stride) {
             coopMatLoad(inputs, steps, row * stride + i * DEPTH / 8u, stride, gl_CooperativeMatrixLayoutRowMajor);
             sum = coopMatMulAdd(inputs, mixing[i], sum);
         }
-        coopmat<float16_t, gl_ScopeSubgroup, ROWS, COLUMNS, gl_MatrixUseAccumulator> halves =
-            coopmat<float16_t, gl_ScopeSubgroup, ROWS, COLUMNS, gl_MatrixUseAccumulator>(sum);
-        coopMatStore(halves, mixed, row * TOKEN + own_column / 8u, TOKEN, gl_CooperativeMatrixLayoutRowMajor);
+        coopMatStore(MatrixHalves(sum), mixed, row * TOKEN + own_column / 8u, TOKEN, gl_CooperativeMatrixLayoutRowMajor);
     }
 }
 

@@ -39,16 +39,7 @@ const uint STAGED_INPUTS = TILES * 64u * TOKEN;
 const uint STAGED_BLOCKS = 4u / TILES * INPUTS / 16u;
 #include "shared/matrix_dense.glsl"
 #include "shared/conv_store.glsl"
-
-const float LARGEST_HALF = 65504.0;
-
-vec4 tap_of(uvec2 token, uint tap) {
-    ivec2 at = ivec2(token) + ivec2(tap % 3u, tap / 3u) - 1;
-    bool inside = tap < 9u && at.x >= 0 && at.x < int(src_width) && at.y >= 0 && at.y < int(src_height);
-    vec4 value = LOAD(src, uint(inside ? at.y * int(src_width) + at.x : 0) * src_stride);
-    // Larger values would become infinite, and the sums NaN.
-    return inside ? clamp(value, -LARGEST_HALF, LARGEST_HALF) : vec4(0.0);
-}
+#include "shared/color_tap.glsl"
 
 void main() {
     uint slot = group_index() * TILES + own_tile;
@@ -60,8 +51,9 @@ void main() {
 
     for (uint i = tile_lane; i < TOKENS * VECTORS; i += TILE_LANES) {
         uint token = i % TOKENS, part = i / TOKENS;
-        uvec2 at = origin + uvec2(token % 8u, token / 8u);
-        staged[rows + token * TOKEN + part] = pack_halves(tap_of(at, 2u * part), tap_of(at, 2u * part + 1u));
+        ivec2 at = ivec2(origin + uvec2(token % 8u, token / 8u)), size = ivec2(src_width, src_height);
+        uvec4 halves = pack_halves(color_tap(at, 2u * part, size), color_tap(at, 2u * part + 1u, size));
+        staged[rows + token * TOKEN + part] = halves;
     }
     const uint BLOCKS = INPUTS / 16u;
     stage_weights(Vectors(weights), 0u, BLOCKS, 0u, BLOCKS, BLOCKS);

@@ -70,28 +70,25 @@ bool is_inside(ivec2 pixel) {
 }
 
 #ifdef PROJECTED
-const float LARGEST_HALF = 65504.0;
-
-vec4 tap_of(ivec2 pixel, uint tap) {
-    ivec2 at = pixel + ivec2(tap % 3u, tap / 3u) - 1;
-    bool inside = tap < 9u && is_inside(at);
-    vec4 value = LOAD(src, (inside ? uint(at.y) * 2u * width + uint(at.x) : 0u) * src_stride);
-    // Larger values would become infinite, and the sums NaN.
-    return inside ? clamp(value, -LARGEST_HALF, LARGEST_HALF) : vec4(0.0);
-}
+#include "shared/color_tap.glsl"
 
 // Stages what the pixels of a column of taps are projected from.
 void stage_taps(uvec2 origin, uint kx) {
     for (uint i = tile_lane; i < PIXELS * (INPUTS / 8u); i += TILE_LANES) {
         uint pixel = i % PIXELS, part = i / PIXELS;
         ivec2 at = pixel_of(origin, pixel, kx);
-        uvec4 halves = pack_halves(tap_of(at, 2u * part), tap_of(at, 2u * part + 1u));
+        ivec2 size = 2 * ivec2(width, height);
+        uvec4 halves = pack_halves(color_tap(at, 2u * part, size), color_tap(at, 2u * part + 1u, size));
         staged[STAGED_INPUTS + pixel * TAPS_STRIDE + part] = halves;
     }
 }
 
 // Projects them.
 void stage_projected() {
+    MatrixSum bias[COLUMN_TILES];
+    [[unroll]] for (uint n = 0u; n < COLUMN_TILES; ++n) {
+        coopMatLoad(bias[n], biases.v, n * COLUMNS, CHANNELS, gl_CooperativeMatrixLayoutRowMajor);
+    }
     // Not unrolled: CPU drivers spell every product out.
     [[dont_unroll]] for (uint matrix = gl_SubgroupID; matrix < PIXELS / ROWS; matrix += SUBGROUPS) {
         MatrixSum projected[COLUMN_TILES];
@@ -108,15 +105,11 @@ void stage_projected() {
         }
         [[unroll]] for (uint n = 0u; n < COLUMN_TILES; ++n) {
             // After the products, as the kernel by itself does: large frames have that one too, and the same bits.
-            MatrixSum bias;
-            coopMatLoad(bias, biases.v, n * COLUMNS, CHANNELS, gl_CooperativeMatrixLayoutRowMajor);
-            projected[n] = projected[n] + bias;
+            projected[n] = projected[n] + bias[n];
             for (int i = 0; i < projected[n].length(); ++i) {
                 projected[n][i] = max(projected[n][i], 0.01 * projected[n][i]);
             }
-            coopmat<float16_t, gl_ScopeSubgroup, ROWS, COLUMNS, gl_MatrixUseAccumulator> halves =
-                coopmat<float16_t, gl_ScopeSubgroup, ROWS, COLUMNS, gl_MatrixUseAccumulator>(projected[n]);
-            coopMatStore(halves, staged, matrix * ROWS * STRIDE + n * COLUMNS / 8u, STRIDE,
+            coopMatStore(MatrixHalves(projected[n]), staged, matrix * ROWS * STRIDE + n * COLUMNS / 8u, STRIDE,
                 gl_CooperativeMatrixLayoutRowMajor);
         }
     }

@@ -100,9 +100,7 @@ void stage_hidden(uint first) {
                 [[unroll]] for (uint k = 0u; k < STEPS; ++k) sum = coopMatMulAdd(normed[m * STEPS + k], columns[k], sum);
                 // After the products, as a Linear by itself does.
                 sum = sum + bias;
-                coopmat<float16_t, gl_ScopeSubgroup, ROWS, COLUMNS, gl_MatrixUseAccumulator> halves =
-                    coopmat<float16_t, gl_ScopeSubgroup, ROWS, COLUMNS, gl_MatrixUseAccumulator>(sum);
-                coopMatStore(halves, staged, matrix * ROWS * STRIDE + n / 8u, STRIDE, gl_CooperativeMatrixLayoutRowMajor);
+                coopMatStore(MatrixHalves(sum), staged, matrix * ROWS * STRIDE + n / 8u, STRIDE, gl_CooperativeMatrixLayoutRowMajor);
             }
         }
     }

@@ -21,6 +21,8 @@ const uint LANES = INVOCATIONS / SUBGROUPS;
 #define MatrixA coopmat<float16_t, gl_ScopeSubgroup, ROWS, DEPTH, gl_MatrixUseA>
 #define MatrixB coopmat<float16_t, gl_ScopeSubgroup, DEPTH, COLUMNS, gl_MatrixUseB>
 #define MatrixSum coopmat<float, gl_ScopeSubgroup, ROWS, COLUMNS, gl_MatrixUseAccumulator>
+// Sums rounded to halves.
+#define MatrixHalves coopmat<float16_t, gl_ScopeSubgroup, ROWS, COLUMNS, gl_MatrixUseAccumulator>
 
 // Eight halves.
 uvec4 pack_halves(vec4 low, vec4 high) {
