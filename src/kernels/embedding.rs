@@ -4,6 +4,7 @@
 
 use super::accesses::Accesses;
 use super::accesses::matrix::{OUTPUTS, SUBGROUPS, TOKENS};
+use super::attention_block::BIAS_ROWS;
 use super::contract::Specialisation;
 use super::dense::{Conv3x3, Linear};
 use super::on_matrices::{self, DEPTH};
@@ -210,7 +211,7 @@ impl Kernel for Embedding {
         let early = self.early().map(|early| (early.weights, dense(CHANNELS)));
         let projection = match self.pixels {
             Pixels::Projected { weights, biases, .. } => {
-                vec![(weights, dense(INPUTS)), (biases, u64::from(4 * DEPTH * CHANNELS))]
+                vec![(weights, dense(INPUTS)), (biases, u64::from(4 * BIAS_ROWS * CHANNELS))]
             }
             Pixels::Stored { .. } => Vec::new(),
         };

@@ -4,6 +4,7 @@
 
 use super::accesses::Accesses;
 use super::accesses::matrix::{OUTPUTS, SUBGROUPS, TOKENS};
+use super::attention_block::BIAS_ROWS;
 use super::contract::Specialisation;
 use super::dense::{Linear, TILE_CHANNELS};
 use super::on_matrices::{self, DEPTH, MOST_TILES};
@@ -131,7 +132,7 @@ impl Kernel for Ffn {
         let dense = |inputs: u32, outputs: u32| u64::from(outputs) * (2 * u64::from(inputs) + 4);
         Traffic::reading([
             (self.expand, dense(self.x.channels, self.hidden)),
-            (self.biases, 4 * u64::from(DEPTH * self.hidden)),
+            (self.biases, 4 * u64::from(BIAS_ROWS * self.hidden)),
             (self.depthwise, 40 * u64::from(self.hidden)),
             (self.contract, dense(self.hidden, self.dst.channels)),
         ])
