@@ -84,7 +84,8 @@ void pointwise(const uint tokens, const uint depth, const uint stride) {
             coopMatLoad(inputs, steps, row * stride + i * DEPTH / 8u, stride, gl_CooperativeMatrixLayoutRowMajor);
             sum = coopMatMulAdd(inputs, mixing[i], sum);
         }
-        coopMatStore(MatrixHalves(sum), mixed, row * TOKEN + own_column / 8u, TOKEN, gl_CooperativeMatrixLayoutRowMajor);
+        uint to = row * TOKEN + own_column / 8u;
+        coopMatStore(MatrixHalves(sum), mixed, to, TOKEN, gl_CooperativeMatrixLayoutRowMajor);
     }
 }
 

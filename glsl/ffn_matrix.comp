@@ -2,8 +2,8 @@
 // between, several times as wide as the map, is never in memory: a workgroup computes one 8x8 tile, of it HIDDEN hidden
 // channels at a time, those of the tokens around it too.
 //
-// Sums of the hidden channels are rounded to halves as they would be on their way to memory; the depthwise sums are made
-// in 32-bit floats and rounded to halves for the matrices.
+// Sums of the hidden channels are rounded to halves as they would be on their way to memory; the depthwise sums are
+// made in 32-bit floats and rounded to halves for the matrices.
 #version 460
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"
@@ -39,8 +39,8 @@ const uint SIDE = 10u;                          // of a tile with the tokens aro
 const uint AROUND = 112u;                       // these tokens, as many as whole matrices have
 const uint NORMED_STRIDE = INPUTS / 8u + 1u;    // of a token's row, in vectors of eight
 const uint STRIDE = HIDDEN / 8u + 1u;
-// Staged: hidden channels, what the depthwise convolution makes of them, weights of the Linear back, weights of the first
-// one. Before the first hidden channels, all normed tokens.
+// Staged: hidden channels, what the depthwise convolution makes of them, weights of the Linear back, weights of the
+// first one. Before the first hidden channels, all normed tokens.
 const uint CONVOLVED_AT = AROUND * STRIDE;
 const uint STAGED_INPUTS = CONVOLVED_AT + 64u * STRIDE;
 const uint BACK_BLOCKS = HIDDEN / 16u;          // of weights, of 32 outputs
@@ -68,8 +68,8 @@ void load_normed() {
         uint matrix = m * SUBGROUPS + gl_SubgroupID;
         if (matrix < MATRICES) {
             [[unroll]] for (uint k = 0u; k < STEPS; ++k) {
-                coopMatLoad(normed[m * STEPS + k], staged, matrix * ROWS * NORMED_STRIDE + k * DEPTH / 8u, NORMED_STRIDE,
-                    gl_CooperativeMatrixLayoutRowMajor);
+                uint from = matrix * ROWS * NORMED_STRIDE + k * DEPTH / 8u;
+                coopMatLoad(normed[m * STEPS + k], staged, from, NORMED_STRIDE, gl_CooperativeMatrixLayoutRowMajor);
             }
         }
     }
@@ -97,10 +97,13 @@ void stage_hidden(uint first) {
             uint matrix = m * SUBGROUPS + gl_SubgroupID;
             if (matrix < MATRICES) {
                 MatrixSum sum = MatrixSum(0.0);
-                [[unroll]] for (uint k = 0u; k < STEPS; ++k) sum = coopMatMulAdd(normed[m * STEPS + k], columns[k], sum);
+                [[unroll]] for (uint k = 0u; k < STEPS; ++k) {
+                    sum = coopMatMulAdd(normed[m * STEPS + k], columns[k], sum);
+                }
                 // After the products, as a Linear by itself does.
                 sum = sum + bias;
-                coopMatStore(MatrixHalves(sum), staged, matrix * ROWS * STRIDE + n / 8u, STRIDE, gl_CooperativeMatrixLayoutRowMajor);
+                uint to = matrix * ROWS * STRIDE + n / 8u;
+                coopMatStore(MatrixHalves(sum), staged, to, STRIDE, gl_CooperativeMatrixLayoutRowMajor);
             }
         }
     }
