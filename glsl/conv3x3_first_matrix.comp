@@ -33,13 +33,16 @@ layout(push_constant) uniform Push {
 };
 
 const uint INPUTS = 48u;                        // nine taps of four channels, and zeros
-const uint VECTORS = INPUTS / 8u;
-const uint TOKEN = VECTORS + 1u;
-const uint STAGED_INPUTS = TILES * 64u * TOKEN;
+const uint VECTORS = INPUTS / 8u;               // of a token; not padded, or shared memory would not hold four tiles
+const uint STAGED_INPUTS = TILES * 64u * VECTORS;
 const uint STAGED_BLOCKS = 4u / TILES * INPUTS / 16u;
+const uint SIDE = 10u;                          // of a tile with the pixels around it
+const uint COLORS = SIDE * SIDE / 2u;           // vectors of them
+const uint COLORS_AT = STAGED_INPUTS + STAGED_BLOCKS * 64u;
+#define STAGED_AT_LEAST (COLORS_AT + TILES * COLORS)
 #include "shared/matrix_dense.glsl"
 #include "shared/conv_store.glsl"
-#include "shared/color_tap.glsl"
+#include "shared/color_taps.glsl"
 
 void main() {
     uint slot = group_index() * TILES + own_tile;
@@ -47,18 +50,18 @@ void main() {
     if (group_index() * TILES >= count) return;                                      // whole groups only
     bool live = slot < count;
     uvec2 origin = tile_origin(min(slot, count - 1u), first_tile, flags, tiles);
-    uint rows = own_tile * TOKENS * TOKEN;
+    uint rows = own_tile * TOKENS * VECTORS, colors = COLORS_AT + own_tile * COLORS;
 
-    for (uint i = tile_lane; i < TOKENS * VECTORS; i += TILE_LANES) {
-        uint token = i % TOKENS, part = i / TOKENS;
-        ivec2 at = ivec2(origin + uvec2(token % 8u, token / 8u)), size = ivec2(src_width, src_height);
-        uvec4 halves = pack_halves(color_tap(at, 2u * part, size), color_tap(at, 2u * part + 1u, size));
-        staged[rows + token * TOKEN + part] = halves;
-    }
+    stage_colors(colors, SIDE, ivec2(origin) - 1, ivec2(src_width, src_height));
     const uint BLOCKS = INPUTS / 16u;
     stage_weights(Vectors(weights), 0u, BLOCKS, 0u, BLOCKS, BLOCKS);
     clear_sums();
     barrier();
-    if (own_outputs * (OUTPUTS / 4u) < dst_channels) multiply_add(rows, TOKEN, own_split * BLOCKS, INPUTS);
+    for (uint i = tile_lane; i < TOKENS * VECTORS; i += TILE_LANES) {
+        uint token = i % TOKENS, part = i / TOKENS;
+        staged[rows + token * VECTORS + part] = color_taps(colors, SIDE, token / 8u * SIDE + token % 8u, part);
+    }
+    barrier();
+    if (own_outputs * (OUTPUTS / 4u) < dst_channels) multiply_add(rows, VECTORS, own_split * BLOCKS, INPUTS);
     FINISH_SUMS(store_result)
 }

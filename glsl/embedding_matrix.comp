@@ -45,24 +45,32 @@ const uint EVEN_ROWS = 9u;
 const uint PIXELS = 144u;                        // of a column of taps, 17 rows of eight, in whole matrices
 const uint INPUTS = 48u;                         // nine taps of four channels, and zeros
 const uint TAPS_STRIDE = INPUTS / 8u + 1u;
-// Staged: pixels; where first lies what they are projected from, the weights of a column of taps and those of the
-// Linear; the weights of the projection.
+// Staged: pixels; where first lies what each subgroup projects, the weights of a column of taps and those of the Linear;
+// the weights of the projection; the colours of the tile and around it.
 const uint STAGED_INPUTS = PIXELS * STRIDE;
 const uint COLUMN_BLOCKS = 3u * CHANNELS / 16u;
 const uint EARLY_BLOCK = COLUMN_BLOCKS;
-const uint PROJECTION_BLOCK = 16u;               // the first one after PIXELS * TAPS_STRIDE vectors
+const uint PROJECTION_BLOCK = EARLY_BLOCK + CHANNELS / 16u;
 #ifdef PROJECTED
 const uint STAGED_BLOCKS = PROJECTION_BLOCK + INPUTS / 16u;
+const uint SIDE = 19u;                           // of a tile's pixels with what they are projected from
+const uint COLORS_AT = STAGED_INPUTS + STAGED_BLOCKS * 64u;
+#define STAGED_AT_LEAST (COLORS_AT + (SIDE * SIDE + 1u) / 2u)
 #else
-const uint STAGED_BLOCKS = EARLY_BLOCK + CHANNELS / 16u;
+const uint STAGED_BLOCKS = PROJECTION_BLOCK;
 #endif
 #define SUMS_TOKENS 16u
 #include "shared/matrix_dense.glsl"
 
-// The pixel that is staged as number `i` of a column of taps.
-ivec2 pixel_of(uvec2 origin, uint i, uint kx) {
+// The pixel that is staged as number `i` of a column of taps, from the tile's first tap on.
+uvec2 pixel_of_tile(uint i, uint kx) {
     uint row = i / 8u < EVEN_ROWS ? i / 8u * 2u : (i / 8u - EVEN_ROWS) * 2u + 1u;
-    return ivec2(2u * (origin + uvec2(i % 8u, 0u)) + uvec2(kx, row)) - 1;
+    return uvec2(i % 8u * 2u + kx, row);
+}
+
+// The same in the frame.
+ivec2 pixel_of(uvec2 origin, uint i, uint kx) {
+    return ivec2(2u * origin + pixel_of_tile(i, kx)) - 1;
 }
 
 bool is_inside(ivec2 pixel) {
@@ -70,48 +78,58 @@ bool is_inside(ivec2 pixel) {
 }
 
 #ifdef PROJECTED
-#include "shared/color_tap.glsl"
+#include "shared/color_taps.glsl"
 
-// Stages what the pixels of a column of taps are projected from.
-void stage_taps(uvec2 origin, uint kx) {
-    for (uint i = tile_lane; i < PIXELS * (INPUTS / 8u); i += TILE_LANES) {
-        uint pixel = i % PIXELS, part = i / PIXELS;
-        ivec2 at = pixel_of(origin, pixel, kx);
-        ivec2 size = 2 * ivec2(width, height);
-        uvec4 halves = pack_halves(color_tap(at, 2u * part, size), color_tap(at, 2u * part + 1u, size));
-        staged[STAGED_INPUTS + pixel * TAPS_STRIDE + part] = halves;
+// Stages what the pixels of matrix `matrix` of a column of taps are projected from, for this subgroup.
+void stage_taps(uint to, uint matrix, uint kx) {
+    for (uint i = gl_SubgroupInvocationID; i < ROWS * (INPUTS / 8u); i += LANES) {
+        uint own = i % ROWS, part = i / ROWS;
+        // The last row fills the last matrix up and is not read; nothing is staged below it.
+        uvec2 at = pixel_of_tile(min(matrix * ROWS + own, 17u * 8u - 1u), kx);
+        staged[to + own * TAPS_STRIDE + part] = color_taps(COLORS_AT, SIDE, at.y * SIDE + at.x, part);
     }
 }
 
-// Projects them.
-void stage_projected() {
+// Projects the pixels of matrix `matrix`, of which the inputs are staged.
+void project(uint from, uint matrix, MatrixSum bias[COLUMN_TILES]) {
+    MatrixSum projected[COLUMN_TILES];
+    [[unroll]] for (uint n = 0u; n < COLUMN_TILES; ++n) projected[n] = MatrixSum(0.0);
+    [[unroll]] for (uint k = 0u; k < INPUTS; k += DEPTH) {
+        MatrixA rows;
+        MatrixB columns[COLUMN_TILES];
+        coopMatLoad(rows, staged, from + k / 8u, TAPS_STRIDE, gl_CooperativeMatrixLayoutRowMajor);
+        load_weights(PROJECTION_BLOCK + k / 16u, k % 16u, columns);
+        [[unroll]] for (uint n = 0u; n < COLUMN_TILES; ++n) {
+            projected[n] = coopMatMulAdd(rows, columns[n], projected[n]);
+        }
+    }
+    [[unroll]] for (uint n = 0u; n < COLUMN_TILES; ++n) {
+        // After the products, as the kernel by itself does: large frames have that one too, and the same bits.
+        projected[n] = projected[n] + bias[n];
+        for (int i = 0; i < projected[n].length(); ++i) {
+            projected[n][i] = max(projected[n][i], 0.01 * projected[n][i]);
+        }
+        coopMatStore(MatrixHalves(projected[n]), staged, matrix * ROWS * STRIDE + n * COLUMNS / 8u, STRIDE,
+            gl_CooperativeMatrixLayoutRowMajor);
+    }
+}
+
+// Projects a column of taps. Subgroups that have no matrix left wait with the others: CPU drivers take every barrier for
+// one of the workgroup.
+void stage_projected(uint kx) {
     MatrixSum bias[COLUMN_TILES];
     [[unroll]] for (uint n = 0u; n < COLUMN_TILES; ++n) {
         coopMatLoad(bias[n], biases.v, n * COLUMNS, CHANNELS, gl_CooperativeMatrixLayoutRowMajor);
     }
+    uint own = STAGED_INPUTS + gl_SubgroupID * ROWS * TAPS_STRIDE;
+    const uint MATRICES = PIXELS / ROWS;
     // Not unrolled: CPU drivers spell every product out.
-    [[dont_unroll]] for (uint matrix = gl_SubgroupID; matrix < PIXELS / ROWS; matrix += SUBGROUPS) {
-        MatrixSum projected[COLUMN_TILES];
-        [[unroll]] for (uint n = 0u; n < COLUMN_TILES; ++n) projected[n] = MatrixSum(0.0);
-        [[unroll]] for (uint k = 0u; k < INPUTS; k += DEPTH) {
-            MatrixA rows;
-            MatrixB columns[COLUMN_TILES];
-            uint from = STAGED_INPUTS + matrix * ROWS * TAPS_STRIDE + k / 8u;
-            coopMatLoad(rows, staged, from, TAPS_STRIDE, gl_CooperativeMatrixLayoutRowMajor);
-            load_weights(PROJECTION_BLOCK + k / 16u, k % 16u, columns);
-            [[unroll]] for (uint n = 0u; n < COLUMN_TILES; ++n) {
-                projected[n] = coopMatMulAdd(rows, columns[n], projected[n]);
-            }
-        }
-        [[unroll]] for (uint n = 0u; n < COLUMN_TILES; ++n) {
-            // After the products, as the kernel by itself does: large frames have that one too, and the same bits.
-            projected[n] = projected[n] + bias[n];
-            for (int i = 0; i < projected[n].length(); ++i) {
-                projected[n][i] = max(projected[n][i], 0.01 * projected[n][i]);
-            }
-            coopMatStore(MatrixHalves(projected[n]), staged, matrix * ROWS * STRIDE + n * COLUMNS / 8u, STRIDE,
-                gl_CooperativeMatrixLayoutRowMajor);
-        }
+    [[dont_unroll]] for (uint first = 0u; first < MATRICES; first += SUBGROUPS) {
+        uint matrix = first + gl_SubgroupID;
+        if (matrix < MATRICES) stage_taps(own, matrix, kx);
+        subgroupBarrier();
+        if (matrix < MATRICES) project(own, matrix, bias);
+        subgroupBarrier();
     }
 }
 
@@ -211,14 +229,13 @@ void main() {
 #ifdef PROJECTED
     bool at_border = any(equal(origin, uvec2(0u))) || any(greaterThanEqual(origin + 8u, uvec2(width, height)));
     stage_weights(Vectors(projection), 0u, INPUTS / 16u, PROJECTION_BLOCK, INPUTS / 16u, STAGED_BLOCKS);
+    stage_colors(COLORS_AT, SIDE, 2 * ivec2(origin) - 2, 2 * ivec2(width, height));
 #endif
     clear_sums();
     [[dont_unroll]] for (uint kx = 0u; kx < 3u; ++kx) {
         barrier();
 #ifdef PROJECTED
-        stage_taps(origin, kx);
-        barrier();
-        stage_projected();
+        stage_projected(kx);
         barrier();
         if (at_border) clear_beyond(origin, kx);
 #else

@@ -18,6 +18,8 @@ use super::{
 const CHANNELS: u32 = 32;
 /// Pixels of a tile's column of taps, in whole matrices.
 const PIXELS: u64 = 144;
+/// Colours of a tile and around it that its pixels are projected from.
+const COLORS: u64 = 19 * 19;
 /// Inputs of the projection, nine taps of four channels, in whole matrices.
 const INPUTS: u32 = (9 * 4u32).next_multiple_of(DEPTH);
 
@@ -218,7 +220,7 @@ impl Kernel for Embedding {
         Traffic::reading([(self.embedding, dense(9 * CHANNELS))].into_iter().chain(early).chain(projection))
     }
 
-    /// Of a tile, for each column of taps: its pixels, projected where they are, and its products.
+    /// Of a tile, for each column of taps: its pixels, projected where they are of colours staged once, and its products.
     fn accesses(&self, variant: &Variant) -> Option<Accesses> {
         let groups: u64 = self.groups(variant).into_iter().map(u64::from).product();
         let (channels, inputs) = (u64::from(CHANNELS), u64::from(INPUTS));
@@ -228,16 +230,16 @@ impl Kernel for Embedding {
         let weights = (adds * inputs + 9 * channels + 2 * early * channels) * OUTPUTS / 8;
         let results = TOKENS * OUTPUTS / 4;
         let all_results = (1 + 4 * early) * results;
-        let loaded = if is_projected { 2 * taps } else { pixels };
-        let staged = if is_projected { taps + pixels } else { pixels };
-        // Every subgroup loads the weights of what it computes, and the inputs of that.
-        let of_projection = 3 * adds * (taps + PIXELS / 16 * inputs * OUTPUTS / 8);
+        let loaded = if is_projected { COLORS } else { 3 * pixels };
+        let staged = if is_projected { COLORS / 2 + 3 * (taps + pixels) } else { 3 * pixels };
+        // Every subgroup loads the weights of what it computes, and the inputs of that; these are made of colours.
+        let of_projection = 3 * adds * (9 * PIXELS + taps + PIXELS / 16 * inputs * OUTPUTS / 8);
         let of_products = (3 * 3 + 4 * early) * (TOKENS * channels / 8 + SUBGROUPS * channels * OUTPUTS / 8);
         Some(Accesses {
-            global_loads: groups * (3 * loaded + weights + all_results + 4 * early * adds * results),
+            global_loads: groups * (loaded + weights + all_results + 4 * early * adds * results),
             global_stores: groups * all_results,
             shared_loads: groups * (of_projection + of_products + all_results),
-            shared_stores: groups * (3 * staged + weights + all_results),
+            shared_stores: groups * (staged + weights + all_results),
         })
     }
 }

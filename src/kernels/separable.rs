@@ -50,7 +50,7 @@ impl Separable3x3 {
         // Three tokens in each of ten rows, nine taps and a bias for every column of tokens and four channels.
         let loads = columns * (3 * u64::from(TILE + 2) + 10);
         let epilogue = self.pointwise.epilogue_loads();
-        let work = Work { loads, staged: TOKENS * inputs / 4, rows: inputs, epilogue };
+        let work = Work { loads, staged: TOKENS * inputs / 4, taps: 0, rows: inputs, epilogue };
         work.accesses(special, tiles.count(dst.width, dst.height), dst.channels)
     }
 }

@@ -20,6 +20,8 @@ pub struct Work {
     pub loads: u64,
     /// Vectors that are staged of them.
     pub staged: u64,
+    /// Loads from shared memory to make rows of inputs of what is staged.
+    pub taps: u64,
     /// Rows of weights.
     pub rows: u64,
     /// Loads of the epilogue for each vector of four outputs.
@@ -38,7 +40,7 @@ impl Work {
         Accesses {
             global_loads: tiles * self.loads + weights + results * (1 + self.epilogue),
             global_stores: results,
-            shared_loads: subgroups * (TOKENS + OUTPUTS) * self.rows / 8 + results,
+            shared_loads: subgroups * (TOKENS + OUTPUTS) * self.rows / 8 + tiles * self.taps + results,
             shared_stores: tiles * self.staged + weights + results,
         }
     }

@@ -228,11 +228,12 @@ impl Conv3x3 {
         let inputs = u64::from(self.src.channels);
         let work = if self.src.storage == Storage::F32 {
             let rows = u64::from((9 * self.src.channels).next_multiple_of(DEPTH));
-            Work { loads: TOKENS * rows / 4, staged: TOKENS * rows / 8, rows, epilogue }
+            let colors = u64::from((TILE + 2) * (TILE + 2));
+            Work { loads: colors, staged: colors / 2 + TOKENS * rows / 8, taps: 9 * TOKENS, rows, epilogue }
         } else {
             let source_rows = u64::from((TILE - 1) * self.stride + 3);
             let staged = 3 * source_rows * u64::from(TILE) * inputs / 8;
-            Work { loads: staged, staged, rows: 9 * inputs, epilogue }
+            Work { loads: staged, staged, taps: 0, rows: 9 * inputs, epilogue }
         };
         work.accesses(special, self.tiles.count(width, height), self.channels)
     }

@@ -104,7 +104,7 @@ impl Linear {
     fn accesses_on_matrices(&self, special: Specialisation) -> Accesses {
         let rows = u64::from(self.inputs().next_multiple_of(DEPTH));
         let (loads, staged) = (TOKENS * u64::from(self.inputs()) / 8, TOKENS * rows / 8);
-        let work = Work { loads, staged, rows, epilogue: self.epilogue_loads() };
+        let work = Work { loads, staged, taps: 0, rows, epilogue: self.epilogue_loads() };
         work.accesses(special, self.tiles.count(self.dst.width, self.dst.height), self.dst.channels)
     }
 

@@ -39,6 +39,8 @@ pub struct Tier {
     pub fused: bool,
     /// Which converged squares are left out, and how; `None`: none are.
     pub converged: Option<Converged>,
+    /// Whether the results of the frame and of the frame turned by half a circle are averaged.
+    pub averaged: bool,
 }
 
 /// Relative noise up to which tiers that leave converged squares out do so: that of [`super::scene::CONVERGED`]
@@ -57,6 +59,7 @@ impl Tier {
             conv: ConvAlgorithm::Direct,
             fused: true,
             converged: None,
+            averaged: false,
         }
     }
 
@@ -95,13 +98,14 @@ impl Tier {
         tiers
     }
 
-    /// [`Tier::all`], and what is a matter of time alone or of taste: nothing fused, a higher threshold of what is
-    /// converged.
+    /// [`Tier::all`], and what is a matter of time alone or of taste: nothing fused, two results averaged, a higher
+    /// threshold of what is converged.
     pub fn swept(device: &Device) -> Vec<Self> {
         let preferred = Self::preferred(device);
         let converged = Converged { threshold: 0.1, mode: ConvergedMode::default() };
         let mut tiers = Self::all(device);
         tiers.push(Self { name: "fp32, nothing fused", fused: false, ..preferred });
+        tiers.push(Self { name: "fp32, average of two turns", averaged: true, ..preferred });
         tiers.push(Self {
             name: "fp32, converged below 0.1 left out approximately",
             converged: Some(converged),
@@ -116,8 +120,13 @@ impl Tier {
     /// # Errors
     /// As [`Denoiser::new`].
     pub fn denoiser(&self, device: &Device, weights: &Weights, options: &Options) -> Result<Denoiser> {
-        let mut options =
-            Options { precision: self.precision, conv: Some(self.conv), converged: self.converged, ..*options };
+        let mut options = Options {
+            precision: self.precision,
+            conv: Some(self.conv),
+            converged: self.converged,
+            self_ensemble: self.averaged,
+            ..*options
+        };
         if !self.fused {
             options = Options { folds: Some(Folds::NONE), separable: Some(SeparableForm::TwoKernels), ..options };
         }
