@@ -2,19 +2,16 @@
 //
 // NORM: every token of the one map is brought to mean 0 and variance 1 over its channels first; gain and bias are in
 // the weights.
+//
+// Input channels are staged in shared memory, STEP vectors of them at a time; those of the next step are loaded while
+// this one is computed.
 #version 460
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"
 #include "shared/epilogue.glsl"
-const int PIXELS = TX * TY;
-TEXELS_OF(0, src)
-TEXELS_OF(1, weights)
-TEXELS_OF(2, film)
-TEXELS_OF(3, residual)
-TEXELS_OF(4, src_b)
-#include "shared/microkernel.glsl"
-
-layout(local_size_x = 64) in;
+const uint STEP = 4u;
+const uint FACTOR_ROWS = 4u * STEP;
+#include "shared/staged_products.glsl"
 
 layout(push_constant) uniform Push {
     Source src;
@@ -38,68 +35,129 @@ layout(push_constant) uniform Push {
     uint flags;
 };
 
-const uint LANES_X = 8 / TX;
-const uint LANES = 64 / PIXELS;
+const uint ROW = STEP + 1u;                      // of a token, padded so that rows begin in different banks
+const uint INPUT_LOADS = TOKENS * STEP / INVOCATIONS;
+shared vec4 inputs[TOKENS * ROW];
 
-vec4 activations[PIXELS];
+uint pixel_of(uint token) {
+    uvec2 at = token_at(token);
+    return at.y * width + at.x;
+}
 
 #ifdef NORM
 #include "shared/norm.glsl"
-float means[PIXELS];
-float scales[PIXELS];
+const uint SHARE = 8u;                           // invocations that share a token, so that loads lie side by side
+shared float means[TOKENS];
+shared float scales[TOKENS];
 
-void find_norm(int p, uint from) {
-    vec4 sum = vec4(0.0);
-    for (uint k = 0u; k < src_channels; ++k) sum += LOAD(src, from + k);
-    means[p] = mean_of(sum, src_channels);
-    vec4 squares = vec4(0.0);
-    for (uint k = 0u; k < src_channels; ++k) {
-        vec4 d = LOAD(src, from + k) - means[p];
-        squares += d * d;
-    }
-    scales[p] = scale_of(squares, src_channels);
+// Parts of a token's sum, each of one invocation, and their sum in a fixed order.
+void put_part(uint token, uint share, vec4 part) {
+    inputs[token * ROW + share / 4u][share % 4u] = part.x + part.y + part.z + part.w;
 }
-#define NORMED(p) ((activations[p] - means[p]) * scales[p])
+vec4 parts_of(uint token) {
+    return inputs[token * ROW] + inputs[token * ROW + 1u];
+}
+
+void find_norms() {
+    uint share = lane % SHARE;
+    for (uint token = lane / SHARE; token < TOKENS; token += INVOCATIONS / SHARE) {
+        uint from = pixel_of(token) * src_stride;
+        vec4 sum = vec4(0.0);
+        for (uint k = share; k < src_channels; k += SHARE) sum += LOAD(src, from + k);
+        put_part(token, share, sum);
+    }
+    barrier();
+    for (uint token = lane; token < TOKENS; token += INVOCATIONS) {
+        means[token] = mean_of(parts_of(token), src_channels);
+    }
+    barrier();
+    for (uint token = lane / SHARE; token < TOKENS; token += INVOCATIONS / SHARE) {
+        uint from = pixel_of(token) * src_stride;
+        vec4 squares = vec4(0.0);
+        for (uint k = share; k < src_channels; k += SHARE) {
+            vec4 d = LOAD(src, from + k) - means[token];
+            squares += d * d;
+        }
+        put_part(token, share, squares);
+    }
+    barrier();
+    for (uint token = lane; token < TOKENS; token += INVOCATIONS) {
+        scales[token] = scale_of(parts_of(token), src_channels);
+    }
+    barrier();
+}
+#define NORMED(token, value) (((value) - means[token]) * scales[token])
 #else
-#define NORMED(p) activations[p]
+#define NORMED(token, value) (value)
 #endif
+
+vec4 next_inputs[INPUT_LOADS];
+uint pixels[INPUT_LOADS];                        // of the tokens that this invocation loads
+
+#define FACTOR(block, row, vector) \
+    (first + (row) / 4u < all ? LOAD_WEIGHTS(weights, bias_vectors + ((block * all + first) * 4u + (row)) * PACKED \
+        + (vector)) : vec4(0.0))
+
+// Loads what a step from input vector `first` on takes; zeros beyond the last.
+void fetch(uint first) {
+    uint all = src_channels + src_b_channels;
+    [[unroll]] for (uint n = 0u; n < INPUT_LOADS; ++n) {
+        uint i = lane + n * INVOCATIONS, k = first + i % STEP;
+        vec4 value = vec4(0.0);
+        if (k < src_channels) {
+            value = NORMED(i / STEP, LOAD(src, pixels[n] * src_stride + k));
+        } else if (k < all) {
+            value = LOAD(src_b, pixels[n] * src_b_stride + k - src_channels);
+        }
+        next_inputs[n] = value;
+    }
+    FETCH_FACTORS
+}
+
+void stage() {
+    [[unroll]] for (uint n = 0u; n < INPUT_LOADS; ++n) {
+        uint i = lane + n * INVOCATIONS;
+        inputs[i / STEP * ROW + i % STEP] = next_inputs[n];
+    }
+    stage_factors();
+}
 
 void main() {
-    uint slot = group_index() * (64u / LANES) + gl_LocalInvocationID.x / LANES;
-    uint count = tiles_of(tile_count, flags, tiles);
-    bool live = slot < count;
-    LEAVE_UNLESS(live)
-    uvec2 origin = tile_origin(min(slot, count - 1u), first_tile, flags, tiles);
-    uint lane = gl_LocalInvocationID.x % LANES;
-    uvec2 base = origin + uvec2(lane % LANES_X, lane / LANES_X) * uvec2(TX, TY);
-    uint tile_n = gl_WorkGroupID.y;
-
-    clear_accumulators(weights, tile_n);
-    uint block_base = bias_vectors + tile_n * (src_channels + src_b_channels) * BLOCK;
-    uint pixels[PIXELS];
-    [[unroll]] for (int p = 0; p < PIXELS; ++p) pixels[p] = (base.y + p / TX) * width + base.x + p % TX;
-#ifdef NORM
-    [[unroll]] for (int p = 0; p < PIXELS; ++p) find_norm(p, pixels[p] * src_stride);
-#endif
-#define ACTIVATION(p) NORMED(p)
-#define ADD_SOURCE(source) \
-    for (uint k = 0u; k < source##_channels; ++k) { \
-        [[unroll]] for (int p = 0; p < PIXELS; ++p) activations[p] = LOAD(source, pixels[p] * source##_stride + k); \
-        MULTIPLY_ADD(weights, block_base, ACTIVATION) \
-        block_base += BLOCK; \
+    uint count = tiles_of(tile_count, flags, tiles), slot = group_index() * TILES;
+    if (slot >= count) return;                                                       // whole groups only
+    [[unroll]] for (uint t = 0u; t < TILES; ++t) {
+        origins[t] = tile_origin(min(slot + t, count - 1u), first_tile, flags, tiles);
     }
-    ADD_SOURCE(src)
-    ADD_SOURCE(src_b)
-    if (!live) return;
+#ifdef NORM
+    find_norms();
+#endif
+    CLEAR_SUMS(weights)
+    [[unroll]] for (uint n = 0u; n < INPUT_LOADS; ++n) pixels[n] = pixel_of((lane + n * INVOCATIONS) / STEP);
+    fetch(0u);
+    for (uint k = 0u; k < src_channels + src_b_channels; k += STEP) {
+        barrier();
+        stage();
+        barrier();
+        fetch(k + STEP);
+        [[dont_unroll]] for (uint i = 0u; i < STEP; ++i) {
+#define STAGED(p) inputs[OWN_TOKEN(p) * ROW + i]
+            ADD_PRODUCTS(4u * i, STAGED)
+        }
+    }
 
-    [[unroll]] for (int n = 0; n < NV; ++n) {
-        uint channel = tile_n * NV + n;
-        if (channel >= dst_channels) continue;
-        [[unroll]] for (int p = 0; p < PIXELS; ++p) {
-            vec4 value = accumulators[p * NV + n];
-            if ((EPILOGUE & FLAG_FILM) != 0u) value = LOAD_WEIGHTS(film, channel) * value + LOAD_WEIGHTS(film, dst_channels + channel);
-            if ((EPILOGUE & FLAG_RESIDUAL) != 0u) value += LOAD(residual, pixels[p] * residual_stride + channel);
-            STORE(dst, pixels[p] * dst_stride + channel, activate(value, EPILOGUE));
+    [[unroll]] for (uint p = 0u; p < OWN; ++p) {
+        uint token = OWN_TOKEN(p);
+        if (slot + token / 64u >= count) continue;
+        uint pixel = pixel_of(token);
+        [[unroll]] for (uint n = 0u; n < 2u; ++n) {
+            uint channel = first_output + n * OUTPUT_GROUPS;
+            if (channel >= dst_channels) continue;
+            vec4 value = sums[2u * p + n];
+            if ((EPILOGUE & FLAG_FILM) != 0u) {
+                value = LOAD_WEIGHTS(film, channel) * value + LOAD_WEIGHTS(film, dst_channels + channel);
+            }
+            if ((EPILOGUE & FLAG_RESIDUAL) != 0u) value += LOAD(residual, pixel * residual_stride + channel);
+            STORE(dst, pixel * dst_stride + channel, activate(value, EPILOGUE));
         }
     }
 }

@@ -15,7 +15,7 @@ TEXELS_OF(0, src)
 TEXELS_OF(1, weights)
 TEXELS_OF(2, film)
 TEXELS_OF(3, residual)
-TEXELS_OF(4, src_b)           // of glsl/linear.comp, which takes the same push constants and bindings
+TEXELS_OF(4, src_b)           // of glsl/linear_cpu.comp, which takes the same push constants and bindings
 
 // Input channels whose weights are loaded at a time. All at once are more than the registers hold; fewer are faster
 // where lanes share by broadcast, slower elsewhere (docs/lavapipe.md).

@@ -4,7 +4,7 @@
 pub(super) mod matrix;
 
 use super::contract::Contract;
-use super::{TILE, Tiles, View};
+use super::{TILE, Tiles, Variant, View};
 
 /// Loads and stores of all invocations of a dispatch together, each of a vector of four floats or, in shared memory and
 /// where the shader works on scalars, of one. Loads that only fetch arguments (tile lists) are left out.
@@ -71,6 +71,36 @@ impl Block {
     pub fn invocations(&self, tiles: u32, channels: u32) -> u64 {
         u64::from(tiles) * u64::from(TILE * TILE) / (self.x * self.y)
             * u64::from(channels.div_ceil(4)).div_ceil(self.vectors)
+    }
+}
+
+/// What a kernel that stages floats (`glsl/shared/staged_products.glsl`) does for a tile.
+pub(super) struct Staged {
+    /// Loads of inputs.
+    pub loads: u64,
+    /// Vectors that are staged of them, or of parts of their sums.
+    pub stores: u64,
+    /// Loads from shared memory before there are products.
+    pub norm_loads: u64,
+    /// Rows of weights, each of one input channel and tap.
+    pub rows: u64,
+    /// Loads of the epilogue for each vector of four outputs.
+    pub epilogue: u64,
+}
+
+impl Staged {
+    /// Of all workgroups together. For every four rows an invocation takes eight vectors of inputs and eight of weights.
+    pub fn accesses(&self, variant: &Variant, groups: [u32; 3]) -> Accesses {
+        let groups: u64 = groups.into_iter().map(u64::from).product();
+        let (tiles, outputs) = (u64::from(variant.tiles_a_group), variant.stages().map_or(0, u64::from));
+        let (invocations, weights) = (2 * outputs, self.rows * outputs / 4);
+        let results = tiles * u64::from(TILE * TILE) * outputs / 4;
+        Accesses {
+            global_loads: groups * (tiles * self.loads + weights + 2 * invocations + results * self.epilogue),
+            global_stores: groups * results,
+            shared_loads: groups * (tiles * self.norm_loads + 4 * invocations * self.rows),
+            shared_stores: groups * (tiles * self.stores + weights),
+        }
     }
 }
 

@@ -93,10 +93,11 @@ macro_rules! contracts {
 // (TEXELS).
 contracts! {
     stored {
-        /// Convolution, stride 1, tiles of 32 channels.
-        CONV3X3 = "conv3x3" "conv3x3.comp" Conv3x3Push
-            { "STRIDE": "1", "TX": "2", "TY": "2", "NV": "8" } &[], HALVES, DENSE;
-        /// The same for CPU drivers.
+        /// Convolution, stride 1, 32 channels a workgroup.
+        CONV3X3 = "conv3x3" "conv3x3_staged.comp" Conv3x3Push { "OUTPUTS": "32" } &[], HALVES, DENSE;
+        /// The same, 64 channels a workgroup.
+        CONV3X3_WIDE = "conv3x3_wide" "conv3x3_staged.comp" Conv3x3Push { "OUTPUTS": "64" } &[], HALVES, DENSE;
+        /// The same for CPU drivers, tiles of 32 channels.
         CONV3X3_CPU = "conv3x3_cpu" "conv3x3.comp" Conv3x3Push
             { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "8", "LANES_SHARE": "1", "TEXELS": "1", "ROLLED": "1" } CPU, CPU_HALVES, DENSE;
         /// Convolution, stride 2.
@@ -126,13 +127,20 @@ contracts! {
         /// The same for CPU drivers.
         SEPARABLE3X3_CPU = "separable3x3_cpu" "separable3x3.comp" Separable3x3Push
             { "TX": "4", "TY": "2", "NV": "8", "LANES_SHARE": "1", "TEXELS": "1" } CPU, CPU_HALVES, SEPARABLE;
-        /// Pointwise convolution, tiles of 32 channels.
-        LINEAR = "linear" "linear.comp" LinearPush { "TX": "2", "TY": "2", "NV": "8" } &[], HALVES, DENSE;
-        /// The same for CPU drivers.
-        LINEAR_CPU = "linear_cpu" "linear.comp" LinearPush
+        /// Pointwise convolution, 32 channels a workgroup.
+        LINEAR = "linear" "linear.comp" LinearPush { "OUTPUTS": "32" } &[], HALVES, DENSE;
+        /// The same, 64 channels a workgroup.
+        LINEAR_WIDE = "linear_wide" "linear.comp" LinearPush { "OUTPUTS": "64" } &[], HALVES, DENSE;
+        /// The same for CPU drivers, tiles of 32 channels.
+        LINEAR_CPU = "linear_cpu" "linear_cpu.comp" LinearPush
             { "TX": "2", "TY": "2", "NV": "8", "LANES_SHARE": "1", "TEXELS": "1" } CPU, CPU_HALVES, DENSE;
-        /// Pointwise convolution of normed tokens.
-        LINEAR_NORM = "linear_norm" "linear.comp" LinearPush { "TX": "2", "TY": "2", "NV": "8", "NORM": "1" } &[], HALVES, DENSE;
+        /// Pointwise convolution of normed tokens, 32 channels a workgroup.
+        LINEAR_NORM = "linear_norm" "linear.comp" LinearPush { "OUTPUTS": "32", "NORM": "1" } &[], HALVES, DENSE;
+        /// The same, 64 channels a workgroup.
+        LINEAR_NORM_WIDE = "linear_norm_wide" "linear.comp" LinearPush { "OUTPUTS": "64", "NORM": "1" } &[], HALVES, DENSE;
+        /// The same for CPU drivers, tiles of 32 channels.
+        LINEAR_NORM_CPU = "linear_norm_cpu" "linear_cpu.comp" LinearPush
+            { "TX": "2", "TY": "2", "NV": "8", "NORM": "1" } CPU, CPU_HALVES, DENSE;
         /// Pointwise convolution from 8 channels, held, for CPU drivers.
         LINEAR_K8_CPU = "linear_k8_cpu" "linear_stationary.comp" LinearPush
             { "TX": "4", "TY": "2", "INPUTS": "2", "LANES_SHARE": "1", "TEXELS": "1" } CPU, CPU_HALVES, DENSE;
@@ -199,8 +207,8 @@ contracts! {
     }
     others {
         /// Convolution, stride 1, from a map of 32-bit floats to one of halves.
-        CONV3X3_TO_F16 = "conv3x3_to_f16" "conv3x3.comp" Conv3x3Push
-            { "STRIDE": "1", "TX": "2", "TY": "2", "NV": "8", "DST_F16": "1" } HALVES, DENSE;
+        CONV3X3_TO_F16 = "conv3x3_to_f16" "conv3x3_staged.comp" Conv3x3Push
+            { "OUTPUTS": "32", "DST_F16": "1" } HALVES, DENSE;
         /// Convolution to at most 4 channels, from a map of halves to one of 32-bit floats.
         CONV3X3_N4_FROM_F16 = "conv3x3_n4_from_f16" "conv3x3.comp" Conv3x3Push
             { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "1", "SRC_F16": "1" } &[], DENSE;

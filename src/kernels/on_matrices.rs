@@ -48,8 +48,10 @@ pub(super) fn groups_of(special: Specialisation, tiles: u32, outputs: u32) -> [u
     groups(tiles.div_ceil(special.tiles), outputs.div_ceil(outputs_of(special.tiles)))
 }
 
-/// Workgroups of a variant of a dense kernel; without matrices each computes `tile_channels` of the channels.
+/// Workgroups of a variant of a dense kernel; without matrices and shared memory each computes `tile_channels` of the
+/// channels.
 pub(super) fn dense_groups(variant: &Variant, tiles: u32, channels: u32, tile_channels: u32) -> [u32; 3] {
+    let tile_channels = variant.stages().unwrap_or(tile_channels);
     match variant.is_on_matrices() {
         true => groups_of(variant.special, tiles, channels),
         false => groups(tiles.div_ceil(variant.tiles_a_group), channels.div_ceil(tile_channels)),

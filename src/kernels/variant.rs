@@ -14,6 +14,8 @@ pub struct KernelTarget {
     pub output_half: bool,
 }
 
+/// Tiles of a workgroup that stages its inputs as floats.
+const STAGED_TILES: u32 = 2;
 /// Bytes between the places where a texel buffer may begin.
 const TEXEL_ALIGNMENT: u64 = 16;
 
@@ -42,9 +44,17 @@ impl Variant {
         Self { contract, special: Specialisation::default(), tiles_a_group: 1 }
     }
 
-    /// One of 64 invocations, each with as many tokens as it defines, specialised for what becomes of its sums.
+    /// One on ordinary cores, specialised for what becomes of its sums: of 64 invocations, each with as many tokens as it
+    /// defines, or with shared memory ([`Variant::stages`]).
     pub(super) fn dense(contract: &'static Contract, special: Specialisation) -> Self {
-        Self { contract, special, tiles_a_group: (contract.define("TX") * contract.define("TY")) as u32 }
+        let tokens = || (contract.define("TX") * contract.define("TY")) as u32;
+        let variant = Self { contract, special, tiles_a_group: STAGED_TILES };
+        if variant.stages().is_some() { variant } else { Self { tiles_a_group: tokens(), ..variant } }
+    }
+
+    /// Output channels of a workgroup that stages inputs and weights as floats (`glsl/shared/staged_products.glsl`).
+    pub(super) fn stages(&self) -> Option<u32> {
+        (!self.is_on_matrices() && self.contract.has("OUTPUTS")).then(|| self.contract.define("OUTPUTS") as u32)
     }
 
     /// One on cooperative matrices, cut as `special` says.

@@ -1,8 +1,8 @@
 //! Dense 3x3 convolution.
 
-use super::{NARROW_CHANNELS, conv_tile_channels, dense_texels, epilogue_flags, weight_bytes};
+use super::{NARROW_CHANNELS, TILE_CHANNELS, conv_tile_channels, dense_texels, epilogue_flags, weight_bytes};
 use crate::kernels::accesses::matrix::{TOKENS, Work};
-use crate::kernels::accesses::{Accesses, Block, epilogue_loads};
+use crate::kernels::accesses::{Accesses, Block, Staged, epilogue_loads};
 use crate::kernels::contract::{Contract, Specialisation};
 use crate::kernels::contracts::{self, halves};
 use crate::kernels::on_matrices::{self, DEPTH, dense_groups};
@@ -96,12 +96,14 @@ impl Conv3x3 {
             };
         }
         let small = self.channels <= SMALL_CHANNELS && alike;
+        let wide = self.channels > TILE_CHANNELS && alike;
         match (self.stride, cpu) {
             (2, true) => of(&contracts::CONV3X3_S2_CPU, &halves::CONV3X3_S2_CPU),
             (2, false) => of(&contracts::CONV3X3_S2, &halves::CONV3X3_S2),
             (_, true) if small => of(&contracts::CONV3X3_N16_CPU, &halves::CONV3X3_N16_CPU),
             (_, true) => of(&contracts::CONV3X3_CPU, &halves::CONV3X3_CPU),
             (_, false) if small => of(&contracts::CONV3X3_N16, &halves::CONV3X3_N16),
+            (_, false) if wide => of(&contracts::CONV3X3_WIDE, &halves::CONV3X3_WIDE),
             (_, false) if alike => of(&contracts::CONV3X3, &halves::CONV3X3),
             (_, false) => &contracts::CONV3X3_TO_F16,
         }
@@ -172,6 +174,9 @@ impl Kernel for Conv3x3 {
         if variant.is_on_matrices() {
             return Some(self.accesses_on_matrices(variant.special));
         }
+        if variant.stages().is_some() {
+            return Some(self.staged().accesses(variant, self.groups(variant)));
+        }
         let contract = variant.contract;
         let (block, stride) = (Block::of(contract), u64::from(self.stride));
         let (width, height) = self.result_size();
@@ -220,6 +225,14 @@ impl Conv3x3 {
     pub(crate) fn epilogue_accesses(&self) -> [u64; 2] {
         let stores = if self.shuffle == Shuffle::Unshuffle { 4 } else { 1 };
         [epilogue_loads(self.film.is_some(), self.residual.is_some()), stores]
+    }
+
+    /// What a workgroup stages of a tile and around it.
+    fn staged(&self) -> Staged {
+        let inputs = u64::from(self.src.channels / 4);
+        let loads = u64::from((TILE + 2) * (TILE + 2)) * inputs;
+        let [epilogue, _] = self.epilogue_accesses();
+        Staged { loads, stores: loads, norm_loads: 0, rows: 9 * 4 * inputs, epilogue }
     }
 
     pub(crate) fn accesses_on_matrices(&self, special: Specialisation) -> Accesses {

@@ -2,7 +2,7 @@
 
 use super::{TILE_CHANNELS, dense_texels, epilogue_flags, weight_bytes};
 use crate::kernels::accesses::matrix::{TOKENS, Work};
-use crate::kernels::accesses::{Accesses, Block, epilogue_loads};
+use crate::kernels::accesses::{Accesses, Block, Staged, epilogue_loads};
 use crate::kernels::contract::{Contract, Specialisation};
 use crate::kernels::contracts::{self, halves};
 use crate::kernels::on_matrices::{self, DEPTH, dense_groups, holds, outputs_of};
@@ -90,10 +90,13 @@ impl Linear {
         if let Some(stationary) = self.stationary().filter(|_| cpu) {
             return stationary;
         }
-        match (self.norm, cpu) {
-            (true, _) => of(&contracts::LINEAR_NORM, &halves::LINEAR_NORM),
-            (false, true) => of(&contracts::LINEAR_CPU, &halves::LINEAR_CPU),
-            (false, false) => of(&contracts::LINEAR, &halves::LINEAR),
+        match (cpu, self.norm, self.dst.channels > TILE_CHANNELS) {
+            (true, false, _) => of(&contracts::LINEAR_CPU, &halves::LINEAR_CPU),
+            (true, true, _) => of(&contracts::LINEAR_NORM_CPU, &halves::LINEAR_NORM_CPU),
+            (false, false, false) => of(&contracts::LINEAR, &halves::LINEAR),
+            (false, false, true) => of(&contracts::LINEAR_WIDE, &halves::LINEAR_WIDE),
+            (false, true, false) => of(&contracts::LINEAR_NORM, &halves::LINEAR_NORM),
+            (false, true, true) => of(&contracts::LINEAR_NORM_WIDE, &halves::LINEAR_NORM_WIDE),
         }
     }
 
@@ -106,6 +109,18 @@ impl Linear {
         let (loads, staged) = (TOKENS * u64::from(self.inputs()) / 8, TOKENS * rows / 8);
         let work = Work { loads, staged, taps: 0, rows, epilogue: self.epilogue_loads() };
         work.accesses(special, self.tiles.count(self.dst.width, self.dst.height), self.dst.channels)
+    }
+
+    /// What a workgroup stages of its tokens, normed ones after two passes over them.
+    fn staged(&self) -> Staged {
+        let (inputs, norms) = (u64::from(self.inputs() / 4), u64::from(self.norm));
+        Staged {
+            loads: (1 + 2 * norms) * TOKENS * inputs,
+            stores: TOKENS * (inputs.next_multiple_of(4) + 18 * norms),
+            norm_loads: norms * TOKENS * (4 + 2 * inputs),
+            rows: 4 * inputs,
+            epilogue: self.epilogue_loads(),
+        }
     }
 
     /// What becomes of its sums.
@@ -205,6 +220,9 @@ impl Kernel for Linear {
             return Some(self.accesses_on_matrices(variant.special));
         }
         let (contract, inputs) = (variant.contract, u64::from(self.inputs() / 4));
+        if variant.stages().is_some() {
+            return Some(self.staged().accesses(variant, self.groups(variant)));
+        }
         let mut block = Block::of(contract);
         // Inputs are loaded once, or for every block of outputs anew, and once for the mean and once for the deviation.
         let (tokens, weights) = match contract.has("INPUTS") {
