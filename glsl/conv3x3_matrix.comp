@@ -126,7 +126,8 @@ void multiply_column(uint rows) {
             load_weights(blocks + ky * BLOCKS + k / 16u, k % 16u, columns);
             [[unroll]] for (uint m = 0u; m < ROW_TILES; ++m) {
                 [[unroll]] for (uint n = 0u; n < COLUMN_TILES; ++n) {
-                    sums[m * COLUMN_TILES + n] = coopMatMulAdd(inputs[m * STEP + ky], columns[n], sums[m * COLUMN_TILES + n]);
+                    uint sum = m * COLUMN_TILES + n;
+                    sums[sum] = coopMatMulAdd(inputs[m * STEP + ky], columns[n], sums[sum]);
                 }
             }
         }

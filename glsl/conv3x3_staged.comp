@@ -1,5 +1,5 @@
-// Dense 3x3 convolution of stride 1, zero padding, with its epilogue: act(film(sum + bias) + residual), stored plain,
-// pixel-shuffled or pixel-unshuffled.
+// Dense 3x3 convolution of stride STRIDE, zero padding, with its epilogue: act(film(sum + bias) + residual), stored
+// plain, pixel-shuffled or pixel-unshuffled.
 //
 // The tokens of two tiles and those around them are staged in shared memory, STEP vectors of input channels at a time,
 // and the weights of one row of taps; what comes next is loaded while this is computed.
@@ -7,7 +7,7 @@
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"
 #include "shared/epilogue.glsl"
-const uint STEP = 2u;
+const uint STEP = STRIDE == 1u ? 2u : 1u;
 const uint FACTOR_ROWS = 3u * STEP * 4u;
 #include "shared/staged_products.glsl"
 
@@ -34,8 +34,8 @@ layout(push_constant) uniform Push {
 
 #include "shared/conv_store.glsl"
 
-const uint ROW = STEP + 1u;                      // of a token, padded so that rows begin in different banks
-const uint SIDE = 10u;                           // of a tile with the tokens around it
+const uint ROW = STEP == 1u ? 1u : STEP + 1u;    // of a token; several vectors are padded, to begin in different banks
+const uint SIDE = 7u * STRIDE + 3u;              // of the tokens that a tile is computed from
 const uint AROUND = TILES * SIDE * SIDE;
 const uint INPUT_LOADS = (AROUND * STEP + INVOCATIONS - 1u) / INVOCATIONS;
 shared vec4 inputs[AROUND * ROW];
@@ -44,7 +44,7 @@ vec4 next_inputs[INPUT_LOADS];
 void fetch_inputs(uint first) {
     [[unroll]] for (uint n = 0u; n < INPUT_LOADS; ++n) {
         uint i = lane + n * INVOCATIONS, token = min(i / STEP, AROUND - 1u), k = first + i % STEP;
-        ivec2 at = ivec2(origins[token / (SIDE * SIDE)] + uvec2(token % SIDE, token / SIDE % SIDE)) - 1;
+        ivec2 at = ivec2(origins[token / (SIDE * SIDE)] * STRIDE + uvec2(token % SIDE, token / SIDE % SIDE)) - 1;
         bool inside = k < src_channels && all(greaterThanEqual(at, ivec2(0)));
         inside = inside && all(lessThan(at, ivec2(src_width, src_height)));
         next_inputs[n] = inside ? LOAD(src, uint(at.y * int(src_width) + at.x) * src_stride + k) : vec4(0.0);
@@ -69,8 +69,8 @@ void fetch_factors(uint first, uint ky) {
     FETCH_FACTORS
 }
 
-// What is staged of the token above and to the left of this invocation's token `p`, from that of the first one on.
-#define TO_TOKEN(p) (((p) / 4u * SIDE + (p) % 4u * 2u) * SIDE * ROW)
+// Where the first tap of this invocation's token `p` is staged, from that of the first one on.
+#define TO_TOKEN(p) (((p) / 4u * SIDE + (p) % 4u * 2u * STRIDE) * SIDE * ROW)
 
 void main() {
     uint count = tiles_of(tile_count, flags, tiles), slot = group_index() * TILES;
@@ -79,7 +79,7 @@ void main() {
         origins[t] = tile_origin(min(slot + t, count - 1u), first_tile, flags, tiles);
     }
     CLEAR_SUMS(weights)
-    uint first_staged = (own_tokens / 8u * SIDE + own_tokens % 8u) * ROW;
+    uint first_staged = (own_tokens / 8u * SIDE + own_tokens % 8u) * STRIDE * ROW;
     fetch_inputs(0u);
     fetch_factors(0u, 0u);
     for (uint k = 0u; k < src_channels; k += STEP) {

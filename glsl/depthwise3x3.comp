@@ -54,7 +54,9 @@ void main() {
     [[unroll]] for (int c = 0; c < 4; ++c) {
         [[unroll]] for (int p = 0; p < TX * TY; ++p) {
             float sum = bias[c];
-            [[unroll]] for (int t = 0; t < 9; ++t) sum += taps[t][c] * patch_rows[(p / TX + t / 3) * (TX + 2) + p % TX + t % 3][c];
+            [[unroll]] for (int t = 0; t < 9; ++t) {
+                sum += taps[t][c] * patch_rows[(p / TX + t / 3) * (TX + 2) + p % TX + t % 3][c];
+            }
             sums[p][c] = sum;
         }
     }

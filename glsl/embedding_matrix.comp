@@ -45,8 +45,8 @@ const uint EVEN_ROWS = 9u;
 const uint PIXELS = 144u;                        // of a column of taps, 17 rows of eight, in whole matrices
 const uint INPUTS = 48u;                         // nine taps of four channels, and zeros
 const uint TAPS_STRIDE = INPUTS / 8u + 1u;
-// Staged: pixels; where first lies what each subgroup projects, the weights of a column of taps and those of the Linear;
-// the weights of the projection; the colours of the tile and around it.
+// Staged: pixels; where first lies what each subgroup projects, the weights of a column of taps and those of the
+// Linear; the weights of the projection; the colours of the tile and around it.
 const uint STAGED_INPUTS = PIXELS * STRIDE;
 const uint COLUMN_BLOCKS = 3u * CHANNELS / 16u;
 const uint EARLY_BLOCK = COLUMN_BLOCKS;
@@ -114,8 +114,8 @@ void project(uint from, uint matrix, MatrixSum bias[COLUMN_TILES]) {
     }
 }
 
-// Projects a column of taps. Subgroups that have no matrix left wait with the others: CPU drivers take every barrier for
-// one of the workgroup.
+// Projects a column of taps. Subgroups that have no matrix left wait with the others: CPU drivers take every barrier
+// for one of the workgroup.
 void stage_projected(uint kx) {
     MatrixSum bias[COLUMN_TILES];
     [[unroll]] for (uint n = 0u; n < COLUMN_TILES; ++n) {

@@ -37,7 +37,8 @@ vec3 read_albedo(uvec2 at) {
     return texelFetch(albedo_image, image_texel(albedo_plane, at), 0).rgb;
 #else
     uint index = plane_index(albedo_plane, at);
-    return vec3(any_sample(albedo_plane, index, 0u), any_sample(albedo_plane, index, 1u), any_sample(albedo_plane, index, 2u));
+    return vec3(any_sample(albedo_plane, index, 0u), any_sample(albedo_plane, index, 1u),
+        any_sample(albedo_plane, index, 2u));
 #endif
 }
 

@@ -97,7 +97,9 @@ void main() {
         if (channel >= dst_channels) continue;
         [[unroll]] for (int p = 0; p < PIXELS; ++p) {
             vec4 value = accumulators[p * NV + n];
-            if ((EPILOGUE & FLAG_FILM) != 0u) value = LOAD_WEIGHTS(film, channel) * value + LOAD_WEIGHTS(film, dst_channels + channel);
+            if ((EPILOGUE & FLAG_FILM) != 0u) {
+                value = LOAD_WEIGHTS(film, channel) * value + LOAD_WEIGHTS(film, dst_channels + channel);
+            }
             if ((EPILOGUE & FLAG_RESIDUAL) != 0u) value += LOAD(residual, pixels[p] * residual_stride + channel);
             STORE(dst, pixels[p] * dst_stride + channel, activate(value, EPILOGUE));
         }

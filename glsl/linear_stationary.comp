@@ -1,6 +1,7 @@
 // Pointwise convolution with its inputs held: act(film(W a + bias) + residual), 4*INPUTS input channels of one map. An
-// invocation loads all channels of its TX x TY tokens once, then makes four outputs after another from them. Where glsl/linear.comp holds the sums and streams the inputs, no sum lives here longer than
-// a turn of the loop: CPU drivers keep a mask for every loop, by which they select and store whatever a turn changes.
+// invocation loads all channels of its TX x TY tokens once, then makes four outputs after another from them. Where
+// linear_cpu.comp holds the sums and streams the inputs, no sum lives here longer than a turn of the loop: CPU drivers
+// keep a mask for every loop, by which they select and store whatever a turn changes.
 //
 // NORM: every token is brought to mean 0 and variance 1 over its channels first; gain and bias are in the weights.
 #version 460
@@ -108,7 +109,9 @@ void main() {
         }
         [[unroll]] for (int p = 0; p < PIXELS; ++p) {
             vec4 value = sums[p];
-            if ((EPILOGUE & FLAG_FILM) != 0u) value = LOAD_WEIGHTS(film, n) * value + LOAD_WEIGHTS(film, dst_channels + n);
+            if ((EPILOGUE & FLAG_FILM) != 0u) {
+                value = LOAD_WEIGHTS(film, n) * value + LOAD_WEIGHTS(film, dst_channels + n);
+            }
             if ((EPILOGUE & FLAG_RESIDUAL) != 0u) value += LOAD(residual, pixels[p] * residual_stride + n);
             if (live) STORE(dst, pixels[p] * dst_stride + n, activate(value, EPILOGUE));
         }

@@ -58,7 +58,8 @@ Around around(uvec2 at, uint level) {
     uvec2 high = min(uvec2(first + 1), size - 1u);
     vec2 near = 1.0 - far;
     uvec4 tokens = uvec4(low.y, low.y, high.y, high.y) * size.x + uvec4(low.x, high.x, low.x, high.x);
-    return Around(tokens * ((level_strides >> (8u * level)) & 255u), vec4(near.x, far.x, near.x, far.x) * vec4(near.y, near.y, far.y, far.y));
+    vec4 shares = vec4(near.x, far.x, near.x, far.x) * vec4(near.y, near.y, far.y, far.y);
+    return Around(tokens * ((level_strides >> (8u * level)) & 255u), shares);
 }
 
 #define ENLARGED(map, place, image) \

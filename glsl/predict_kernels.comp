@@ -54,7 +54,8 @@ vec4 outputs[TX];
 #define TAP(p, offset, plane) load_tap(ivec2(at) + ivec2(p, 0) + offset, plane)
 #else
 int place(ivec2 at) { return at.y * SIDE + at.x; }
-#define TAP(p, offset, plane) staged[of_tile + ((plane) ? SIDE * SIDE : 0) + place(ivec2(own) + ivec2(p, 0) + offset + 2)]
+#define TAP(p, offset, plane) \
+    staged[of_tile + ((plane) ? SIDE * SIDE : 0) + place(ivec2(own) + ivec2(p, 0) + offset + 2)]
 #endif
 #define READ_TAPS(plane) \
     [[unroll]] for (uint i = 0u; i < 4u; ++i) { \

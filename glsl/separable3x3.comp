@@ -75,7 +75,9 @@ void main() {
                     [[unroll]] for (int kx = 0; kx < 3; ++kx) {
                         int py = y + 1 - ky;
                         int px = x + 1 - kx;
-                        if (py >= 0 && py < TY && px >= 0 && px < TX) activations[py * TX + px] += taps[ky * 3 + kx] * value;
+                        if (py >= 0 && py < TY && px >= 0 && px < TX) {
+                            activations[py * TX + px] += taps[ky * 3 + kx] * value;
+                        }
                     }
                 }
             }
@@ -92,7 +94,9 @@ void main() {
         [[unroll]] for (int p = 0; p < PIXELS; ++p) {
             uint pixel = uint((base.y + p / TX) * int(width) + base.x + p % TX);
             vec4 value = accumulators[p * NV + n];
-            if ((EPILOGUE & FLAG_FILM) != 0u) value = LOAD_WEIGHTS(film, channel) * value + LOAD_WEIGHTS(film, dst_channels + channel);
+            if ((EPILOGUE & FLAG_FILM) != 0u) {
+                value = LOAD_WEIGHTS(film, channel) * value + LOAD_WEIGHTS(film, dst_channels + channel);
+            }
             if ((EPILOGUE & FLAG_RESIDUAL) != 0u) value += LOAD(residual, pixel * residual_stride + channel);
             STORE(dst, pixel * dst_stride + channel, activate(value, EPILOGUE));
         }

@@ -89,7 +89,9 @@ void stage(uint rows, uvec2 origin, uint first) {
 
 void finish(uvec2 at, uint channel, vec4 value) {
     uint pixel = at.y * width + at.x;
-    if ((EPILOGUE & FLAG_FILM) != 0u) value = LOAD_WEIGHTS(film, channel) * value + LOAD_WEIGHTS(film, dst_channels + channel);
+    if ((EPILOGUE & FLAG_FILM) != 0u) {
+        value = LOAD_WEIGHTS(film, channel) * value + LOAD_WEIGHTS(film, dst_channels + channel);
+    }
     if ((EPILOGUE & FLAG_RESIDUAL) != 0u) value += LOAD(residual, pixel * residual_stride + channel);
     STORE(dst, pixel * dst_stride + channel, activate(value, EPILOGUE));
 }

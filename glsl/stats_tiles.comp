@@ -133,6 +133,7 @@ void main() {
         most = max(most, largest[8u * i]);
         gap += gaps[i];
     }
-    float values[RUN_FLOATS] = float[](sum, float(light), float(total.y), float(total.x), most.x, most.y, most.z, float(gap));
+    float values[RUN_FLOATS] =
+        float[](sum, float(light), float(total.y), float(total.x), most.x, most.y, most.z, float(gap));
     for (uint i = 0u; i < RUN_FLOATS; ++i) runs.v[run * RUN_FLOATS + i] = values[i];
 }

@@ -72,7 +72,9 @@ bool sees(uint x, uint y, uint shift) {
     uvec2 across = seen(x, map_columns, shift);
     uvec2 down = seen(y, map_rows, shift);
     if (across.x >= across.y || down.x >= down.y) return false;
-    if (sum_to(across.y, down.y) + sum_to(across.x, down.x) != sum_to(across.x, down.y) + sum_to(across.y, down.x)) return true;
+    if (sum_to(across.y, down.y) + sum_to(across.x, down.x) != sum_to(across.x, down.y) + sum_to(across.y, down.x)) {
+        return true;
+    }
     return pitch > 0u && has_sample(across, down);
 }
 

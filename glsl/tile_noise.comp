@@ -91,7 +91,8 @@ void main() {
     for (uint i = lane; i < SIDE * SIDE; i += 64u) {
         ivec2 at = abs(ivec2(origin) + ivec2(i % SIDE, i / SIDE) - 1);
         vec3 radiance = read_color(uvec2(reflect_index(uint(at.x), width), reflect_index(uint(at.y), height)));
-        logs[i] = all(are_finite(radiance)) ? log(min(light_of(radiance) * stats.exposure, vec3(MAX_FLOAT)) + FLOOR) : vec3(0.0);
+        vec3 exposed = min(light_of(radiance) * stats.exposure, vec3(MAX_FLOAT));
+        logs[i] = all(are_finite(radiance)) ? log(exposed + FLOOR) : vec3(0.0);
     }
     barrier();
 
@@ -112,7 +113,8 @@ void main() {
         vec3 response = vec3(0.0);
         for (uint y = 0u; y < 3u; ++y) {
             float weight = y == 1u ? -2.0 : 1.0;
-            response += weight * (log_at(local.x, local.y + y) - 2.0 * log_at(local.x + 1u, local.y + y) + log_at(local.x + 2u, local.y + y));
+            uvec2 at = uvec2(local.x, local.y + y);
+            response += weight * (log_at(at.x, at.y) - 2.0 * log_at(at.x + 1u, at.y) + log_at(at.x + 2u, at.y));
         }
         sum += response * response;
         ++count;

@@ -1,8 +1,8 @@
 // Sums of runs of tokens, each brought to mean 0 and variance 1 over its channels first; one workgroup a run. Block by
 // block an invocation finds the mean and the scale of one token, then takes four channels of every n-th; the
-// invocations' sums are added in a fixed order. Only tokens that hold pixels of the unpadded frame count; where converged squares
-// are left out, those of denoised squares, and in sums of their own those of the converged squares that stand for the
-// others.
+// invocations' sums are added in a fixed order. Only tokens that hold pixels of the unpadded frame count; where
+// converged squares are left out, those of denoised squares, and in sums of their own those of the converged squares
+// that stand for the others.
 #version 460
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"

@@ -19,7 +19,8 @@ layout(local_size_x = 64) in;
 layout(push_constant) uniform Push {
     Source src;
     Target dst;
-    Weights weights;      // [bias | [row of pixels][set][row of tokens][input channel / 4][4 inputs][pixel of 2][token of 4]]
+    // [bias | [row of pixels][set][row of tokens][input channel / 4][4 inputs][pixel of 2][token of 4]]
+    Weights weights;
     TileList tiles;       // with FLAG_TILE_LIST
     uint width;           // of the tokens
     uint height;

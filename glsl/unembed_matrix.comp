@@ -87,14 +87,16 @@ void multiply_column(uint rows, Halves weights, uint at, uint row_of_taps) {
     [[unroll]] for (uint k = 0u; k < INPUTS; k += DEPTH) {
         MatrixA inputs[SOURCE_ROWS + 1u - STEP];
         [[unroll]] for (uint row = 0u; row < SOURCE_ROWS + 1u - STEP; ++row) {
-            coopMatLoad(inputs[row], staged, rows + row * 8u * TOKEN + k / 8u, TOKEN, gl_CooperativeMatrixLayoutRowMajor);
+            uint from = rows + row * 8u * TOKEN + k / 8u;
+            coopMatLoad(inputs[row], staged, from, TOKEN, gl_CooperativeMatrixLayoutRowMajor);
         }
         [[unroll]] for (uint ky = 0u; ky < TAPS; ++ky) {
             MatrixB columns[COLUMN_TILES];
             load_rows(weights, at + ky * row_of_taps + k * OUTPUTS, columns);
             [[unroll]] for (uint m = 0u; m < ROW_TILES; ++m) {
                 [[unroll]] for (uint n = 0u; n < COLUMN_TILES; ++n) {
-                    sums[m * COLUMN_TILES + n] = coopMatMulAdd(inputs[m * STEP + ky], columns[n], sums[m * COLUMN_TILES + n]);
+                    uint sum = m * COLUMN_TILES + n;
+                    sums[sum] = coopMatMulAdd(inputs[m * STEP + ky], columns[n], sums[sum]);
                 }
             }
         }

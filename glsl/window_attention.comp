@@ -116,7 +116,8 @@ void main() {
             [[unroll]] for (uint i = 0u; i < 4u; ++i) sums[i] += scores[(first + i) * TOKENS + t] * value;
         }
         [[unroll]] for (uint i = 0u; i < 4u; ++i) {
-            STORE(dst, token_pixel(first + i) * dst_stride + head * value_vectors + c, sums[i] * inverse_sums[first + i]);
+            uint to = token_pixel(first + i) * dst_stride + head * value_vectors + c;
+            STORE(dst, to, sums[i] * inverse_sums[first + i]);
         }
     }
 }

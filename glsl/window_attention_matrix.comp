@@ -1,4 +1,5 @@
-// Joint attention of one 8x8 window and one head, maps of halves, on cooperative matrices (shared/attention_matrix.glsl).
+// Joint attention of one 8x8 window and one head, maps of halves, on cooperative matrices
+// (shared/attention_matrix.glsl).
 #version 460
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"
@@ -59,7 +60,8 @@ void main() {
     stage(Vectors(x), x_stride, (heads + head) * REAL, WINDOW * KEY_STRIDE, KEY_STRIDE, DEPTH_KEYS / 8u, REAL);
     stage(Vectors(f), f_stride, head * REAL, 2u * WINDOW * KEY_STRIDE, KEY_STRIDE, DEPTH_KEYS / 8u, REAL);
     stage(Vectors(f), f_stride, (heads + head) * REAL, 3u * WINDOW * KEY_STRIDE, KEY_STRIDE, DEPTH_KEYS / 8u, REAL);
-    stage(Vectors(x), x_stride, 2u * heads * REAL + head * (VALUES / 8u), VALUES_AT, VALUE_STRIDE, VALUES / 8u, VALUES / 8u);
+    uint first_value = 2u * heads * REAL + head * (VALUES / 8u);
+    stage(Vectors(x), x_stride, first_value, VALUES_AT, VALUE_STRIDE, VALUES / 8u, VALUES / 8u);
     barrier();
 
     attend(head);

@@ -181,8 +181,8 @@ impl NormalEncoding {
 #[derive(Clone, Copy, Debug, Default, PartialEq)]
 #[non_exhaustive]
 pub enum DepthEncoding {
-    /// The distance itself. Planes of numbers from 0 to 1 (unsigned formats, depth buffers) are refused: they hold those
-    /// of a projection.
+    /// The distance itself. Planes of numbers from 0 to 1 (unsigned formats, depth buffers) are refused: they hold
+    /// those of a projection.
     #[default]
     Linear,
     /// A depth buffer of a perspective projection, from 0 at `near` to 1 at `far`; from 1 at `near` to 0 at `far` where

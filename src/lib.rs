@@ -12,7 +12,9 @@
 //!
 //! On the host:
 //! ```no_run
-//! use vkdenoise::{Denoiser, Device, DeviceSelector, Extent, Features, Frame, Layout, Options, Plane, PlaneMut, Weights};
+//! use vkdenoise::{
+//!     Denoiser, Device, DeviceSelector, Extent, Features, Frame, Layout, Options, Plane, PlaneMut, Weights,
+//! };
 //!
 //! # fn main() -> vkdenoise::Result<()> {
 //! # let (color, albedo) = (vec![0.0f32; 1920 * 1080 * 3], vec![0.0f32; 1920 * 1080 * 3]);

@@ -17,8 +17,8 @@ const HYBRID_KERNELS: Option<&[u8]> = None;
 impl Weights {
     /// The trained Hybrid that predicts kernels, embedded in the library: every pixel of its result is an average of
     /// pixels of the frame, of five sizes of neighbourhood, so that flat frames stay flat and texture stays sharp. A
-    /// predicted share of it is averaged after division by the albedo and multiplied by it again; the rest is light that
-    /// does not show the texture, such as reflections.
+    /// predicted share of it is averaged after division by the albedo and multiplied by it again; the rest is light
+    /// that does not show the texture, such as reflections.
     ///
     /// # Errors
     /// [`WeightsError::NotBuiltIn`] without the feature `weights`.

@@ -51,17 +51,17 @@ pub struct Target {
     /// Bytes that a map between consecutive operations may take; where it would take more, they run band by band of the
     /// frame. Not where converged tiles are left out.
     pub max_chain_bytes: u64,
-    /// Bytes that a map may take which the network makes at its beginning and reads at its end; where it would take more,
-    /// it is made again at the end, in bands. Not where converged tiles are left out or features kept.
+    /// Bytes that a map may take which the network makes at its beginning and reads at its end; where it would take
+    /// more, it is made again at the end, in bands. Not where converged tiles are left out or features kept.
     pub max_kept_bytes: u64,
     /// Bytes of a buffer up to which dispatches that do not depend on each other run side by side; those that touch a
     /// larger one keep the network's order, in which least memory is needed at once.
     pub overlap_bytes: u64,
 }
 
-/// [`Target::overlap_bytes`] where nothing is said. On matrices what touches more keeps the largest GPU busy for as long
-/// as a wait takes (32 MiB: 11 us of an H100's memory): running beside others would gain little, and take more memory.
-/// On ordinary cores kernels take four times as long.
+/// [`Target::overlap_bytes`] where nothing is said. On matrices what touches more keeps the largest GPU busy for as
+/// long as a wait takes (32 MiB: 11 us of an H100's memory): running beside others would gain little, and take more
+/// memory. On ordinary cores kernels take four times as long.
 pub const fn overlap_bytes(arithmetic: Arithmetic) -> u64 {
     match arithmetic {
         Arithmetic::Floats => 8 << 20,
@@ -80,8 +80,8 @@ pub const fn max_chain_bytes(storage: Storage, arithmetic: Arithmetic) -> u64 {
     }
 }
 
-/// [`Target::max_kept_bytes`] where nothing is said. A map that is made again costs a twelfth of a pass' FLOPs: of halves
-/// it is from some 2900x1450 pixels on, at 3840x2160 for 0.5 GB less; of 32-bit floats from twice as many.
+/// [`Target::max_kept_bytes`] where nothing is said. A map that is made again costs a twelfth of a pass' FLOPs: of
+/// halves it is from some 2900x1450 pixels on, at 3840x2160 for 0.5 GB less; of 32-bit floats from twice as many.
 pub const fn max_kept_bytes(storage: Storage) -> u64 {
     match storage {
         Storage::F32 => 1 << 30,

@@ -197,8 +197,8 @@ fn every_kernel_on_random_input() {
     }
 }
 
-/// From planes to the network's picture and the output, at sizes that are padded a lot, a little and not at all; and again in the other
-/// order: what a run leaves behind does not reach the next.
+/// From planes to the network's picture and the output, at sizes that are padded a lot, a little and not at all; and
+/// again in the other order: what a run leaves behind does not reach the next.
 #[test]
 fn every_size_is_the_reference() {
     let weights = Weights::hybrid_kernels().unwrap();

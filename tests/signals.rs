@@ -321,8 +321,8 @@ fn signals_are_averaged() {
     assert_no_validation_messages();
 }
 
-/// All signals share the pass's memory: so much of a pixel, however many they are. Beside them a large frame's head does
-/// not run in bands to the picture, as it does in halves without them.
+/// All signals share the pass's memory: so much of a pixel, however many they are. Beside them a large frame's head
+/// does not run in bands to the picture, as it does in halves without them.
 #[test]
 fn memory_is_that_of_one_signal() {
     let weights = Weights::hybrid_kernels().unwrap();

@@ -1,7 +1,7 @@
-// Joint attention of one 8x8 window and one head on cooperative matrices, of what is staged as attention_sizes.glsl says:
-// a subgroup computes as many queries as a matrix has rows. Scores, their product and the exponentials are 32-bit floats; queries, keys,
-// values and probabilities are halves. Of the kernel's push constants it reads `bias`, for every head [query][key], and
-// `scale`, 1 / sqrt(d).
+// Joint attention of one 8x8 window and one head on cooperative matrices, of what is staged as attention_sizes.glsl
+// says: a subgroup computes as many queries as a matrix has rows. Scores, their product and the exponentials are 32-bit
+// floats; queries, keys, values and probabilities are halves. Of the kernel's push constants it reads `bias`, for every
+// head [query][key], and `scale`, 1 / sqrt(d).
 #extension GL_KHR_shader_subgroup_shuffle : require
 
 shared float inverse_sums[WINDOW];               // of exponentials, by query
@@ -15,8 +15,8 @@ MatrixSum scores_of(uint queries, uint n) {
         MatrixB columns;
         uint row = gl_SubgroupID * QUERIES;
         coopMatLoad(rows, staged, queries + row * KEY_STRIDE + k / 8u, KEY_STRIDE, gl_CooperativeMatrixLayoutRowMajor);
-        uint keys = queries + WINDOW * KEY_STRIDE;
-        coopMatLoad(columns, staged, keys + n * COLUMNS * KEY_STRIDE + k / 8u, KEY_STRIDE, gl_CooperativeMatrixLayoutColumnMajor);
+        uint keys = queries + (WINDOW + n * COLUMNS) * KEY_STRIDE;
+        coopMatLoad(columns, staged, keys + k / 8u, KEY_STRIDE, gl_CooperativeMatrixLayoutColumnMajor);
         sum = coopMatMulAdd(rows, columns, sum);
     }
     return sum;
@@ -53,7 +53,8 @@ void attend(uint head) {
     barrier();
     // From here on a subgroup works on its own rows alone.
     [[unroll]] for (uint n = 0u; n < KEY_TILES; ++n) {
-        coopMatStore(scores[n], staged, own_scores + n * COLUMNS / 4u, SCORE_STRIDE, gl_CooperativeMatrixLayoutRowMajor);
+        uint to = own_scores + n * COLUMNS / 4u;
+        coopMatStore(scores[n], staged, to, SCORE_STRIDE, gl_CooperativeMatrixLayoutRowMajor);
     }
     subgroupBarrier();
 
@@ -98,7 +99,8 @@ void attend(uint head) {
     }
     subgroupBarrier();
     [[unroll]] for (uint n = 0u; n < VALUE_TILES; ++n) {
-        coopMatStore(results[n], staged, own_scores + n * COLUMNS / 4u, SCORE_STRIDE, gl_CooperativeMatrixLayoutRowMajor);
+        uint to = own_scores + n * COLUMNS / 4u;
+        coopMatStore(results[n], staged, to, SCORE_STRIDE, gl_CooperativeMatrixLayoutRowMajor);
     }
     subgroupBarrier();
 }

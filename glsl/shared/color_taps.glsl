@@ -1,5 +1,5 @@
-// The taps of a 3x3 convolution of the colour, four channels of 32-bit floats, for kernels on matrices: the colours of a
-// square are rounded to halves and staged once, nine pixels' taps are made of them.
+// The taps of a 3x3 convolution of the colour, four channels of 32-bit floats, for kernels on matrices: the colours of
+// a square are rounded to halves and staged once; pixels' taps are made of them.
 const float LARGEST_HALF = 65504.0;
 
 // Stages the square whose first pixel is `corner`, from vector `to` on. Beyond the frame, of `size`, it is zero.

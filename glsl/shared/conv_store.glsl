@@ -1,5 +1,5 @@
-// The end of a dense 3x3 convolution: act(film(value) + residual), stored plain, pixel-shuffled or pixel-unshuffled. The
-// residual is a map like the result, after a pixel shuffle; there is none with a pixel unshuffle.
+// The end of a dense 3x3 convolution: act(film(value) + residual), stored plain, pixel-shuffled or pixel-unshuffled.
+// The residual is a map like the result, after a pixel shuffle; there is none with a pixel unshuffle.
 // `at` is a token of the convolution's own result, `channel` a vector of four.
 void store_result(uvec2 at, uint channel, vec4 value) {
     uint pixel = at.y * dst_width + at.x;
@@ -12,7 +12,9 @@ void store_result(uvec2 at, uint channel, vec4 value) {
         pixel = to.y * dst_width * 2u + to.x;
         vector = channel % quarter;
     }
-    if ((EPILOGUE & FLAG_FILM) != 0u) value = LOAD_WEIGHTS(film, channel) * value + LOAD_WEIGHTS(film, dst_channels + channel);
+    if ((EPILOGUE & FLAG_FILM) != 0u) {
+        value = LOAD_WEIGHTS(film, channel) * value + LOAD_WEIGHTS(film, dst_channels + channel);
+    }
     if ((EPILOGUE & FLAG_RESIDUAL) != 0u) value += LOAD(residual, pixel * residual_stride + vector);
     value = activate(value, EPILOGUE);
     if ((EPILOGUE & FLAG_UNSHUFFLE) != 0u) {

@@ -1,5 +1,5 @@
-// Tokens brought to mean 0 and variance 1 over their channels while they are staged. A kernel defines before it includes
-// this NORMED_VECTORS, vectors of eight channels, a power of two; where it takes the tokens around a tile too,
+// Tokens brought to mean 0 and variance 1 over their channels while they are staged. A kernel defines before it
+// includes this NORMED_VECTORS, vectors of eight channels, a power of two; where it takes the tokens around a tile too,
 // NORMED_SIDE: of these with the tile. Beyond the map they are the nearest ones of it.
 #include "shared/norm_share.glsl"
 #ifndef NORMED_SIDE

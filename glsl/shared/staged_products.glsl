@@ -1,8 +1,8 @@
 // What dense kernels on ordinary cores share. A workgroup computes OUTPUTS channels, 32 or 64, of two tiles of 8x8
-// tokens, an invocation eight channels of eight tokens: for every four input channels of these it takes eight vectors of
-// inputs and eight of weights from shared memory, for 256 products. A kernel defines before it includes this
-// FACTOR_ROWS, rows of weights that are staged at a time, each of one input channel; and after it FACTOR(block, row,
-// vector), what vector of a row is for the outputs of a packed block.
+// tokens, an invocation eight channels of eight tokens: for every four input channels of these it takes eight vectors
+// of inputs and eight of weights from shared memory, for 256 products. A kernel defines before it includes this
+// FACTOR_ROWS, rows of weights that are staged at a time, each of one input channel; and after it
+// FACTOR(block, row, vector), what vector of a row is for the outputs of a packed block.
 #extension GL_EXT_control_flow_attributes : require
 
 const uint INVOCATIONS = 2u * OUTPUTS;
@@ -14,9 +14,10 @@ const uint OWN = 8u;                             // tokens of an invocation
 const uint TOKEN_GROUPS = TOKENS / OWN;
 const uint OUTPUT_GROUPS = OUTPUTS / 8u;
 const uint PACKED = 8u;                          // vectors of outputs of a packed block
-const uint FACTOR_LOADS = FACTOR_ROWS * (OUTPUTS / 4u) / INVOCATIONS;
+const uint FACTORS = FACTOR_ROWS * (OUTPUTS / 4u);
+const uint FACTOR_LOADS = (FACTORS + INVOCATIONS - 1u) / INVOCATIONS;
 
-shared vec4 factors[FACTOR_ROWS * (OUTPUTS / 4u)];
+shared vec4 factors[FACTORS];
 vec4 next_factors[FACTOR_LOADS];
 // Of every token of this invocation, two vectors of outputs.
 vec4 sums[2u * OWN];
@@ -43,7 +44,7 @@ uvec2 token_at(uint token) {
 
 #define FETCH_FACTORS \
     [[unroll]] for (uint n = 0u; n < FACTOR_LOADS; ++n) { \
-        uint i = lane + n * INVOCATIONS, row = i / PACKED % FACTOR_ROWS; \
+        uint i = min(lane + n * INVOCATIONS, FACTORS - 1u), row = i / PACKED % FACTOR_ROWS; \
         uint block = gl_WorkGroupID.y * (OUTPUTS / 32u) + i / (PACKED * FACTOR_ROWS); \
         next_factors[n] = block * PACKED < bias_vectors ? FACTOR(block, row, i % PACKED) : vec4(0.0); \
     }
@@ -51,8 +52,8 @@ uvec2 token_at(uint token) {
 // [row][vector of outputs].
 void stage_factors() {
     [[unroll]] for (uint n = 0u; n < FACTOR_LOADS; ++n) {
-        uint i = lane + n * INVOCATIONS, row = i / PACKED % FACTOR_ROWS;
-        factors[row * (OUTPUTS / 4u) + i / (PACKED * FACTOR_ROWS) * PACKED + i % PACKED] = next_factors[n];
+        uint i = lane + n * INVOCATIONS, row = i / PACKED % FACTOR_ROWS, block = i / (PACKED * FACTOR_ROWS);
+        if (i < FACTORS) factors[row * (OUTPUTS / 4u) + block * PACKED + i % PACKED] = next_factors[n];
     }
 }
 

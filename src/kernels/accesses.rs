@@ -84,20 +84,22 @@ pub(super) struct Staged {
     pub norm_loads: u64,
     /// Rows of weights, each of one input channel and tap.
     pub rows: u64,
-    /// Loads of the epilogue for each vector of four outputs.
-    pub epilogue: u64,
+    /// Loads and stores of the epilogue for each vector of four outputs.
+    pub epilogue: [u64; 2],
 }
 
 impl Staged {
-    /// Of all workgroups together. For every four rows an invocation takes eight vectors of inputs and eight of weights.
+    /// Of all workgroups together. For every four rows an invocation takes eight vectors of inputs and eight of
+    /// weights.
     pub fn accesses(&self, variant: &Variant, groups: [u32; 3]) -> Accesses {
         let groups: u64 = groups.into_iter().map(u64::from).product();
         let (tiles, outputs) = (u64::from(variant.tiles_a_group), variant.stages().map_or(0, u64::from));
         let (invocations, weights) = (2 * outputs, self.rows * outputs / 4);
         let results = tiles * u64::from(TILE * TILE) * outputs / 4;
+        let [epilogue, stores] = self.epilogue;
         Accesses {
-            global_loads: groups * (tiles * self.loads + weights + 2 * invocations + results * self.epilogue),
-            global_stores: groups * results,
+            global_loads: groups * (tiles * self.loads + weights + 2 * invocations + results * epilogue),
+            global_stores: groups * results * stores,
             shared_loads: groups * (tiles * self.norm_loads + 4 * invocations * self.rows),
             shared_stores: groups * (tiles * self.stores + weights),
         }

@@ -90,20 +90,19 @@ macro_rules! contracts {
 
 // TX x TY outputs and 4 * NV channels an invocation: 2x2 keeps a GPU's registers, more suits CPU drivers, on which a
 // load costs more than the arithmetic it feeds: there lanes share what they load (LANES_SHARE) and load whole vectors
-// (TEXELS).
+// (TEXELS). Those with OUTPUTS channels a workgroup stage what its invocations share.
 contracts! {
     stored {
         /// Convolution, stride 1, 32 channels a workgroup.
-        CONV3X3 = "conv3x3" "conv3x3_staged.comp" Conv3x3Push { "OUTPUTS": "32" } &[], HALVES, DENSE;
+        CONV3X3 = "conv3x3" "conv3x3_staged.comp" Conv3x3Push { "STRIDE": "1", "OUTPUTS": "32" } &[], HALVES, DENSE;
         /// The same, 64 channels a workgroup.
-        CONV3X3_WIDE = "conv3x3_wide" "conv3x3_staged.comp" Conv3x3Push { "OUTPUTS": "64" } &[], HALVES, DENSE;
+        CONV3X3_WIDE = "conv3x3_wide" "conv3x3_staged.comp" Conv3x3Push { "STRIDE": "1", "OUTPUTS": "64" } &[], HALVES, DENSE;
         /// The same for CPU drivers, tiles of 32 channels.
         CONV3X3_CPU = "conv3x3_cpu" "conv3x3.comp" Conv3x3Push
             { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "8", "LANES_SHARE": "1", "TEXELS": "1", "ROLLED": "1" } CPU, CPU_HALVES, DENSE;
-        /// Convolution, stride 2.
-        CONV3X3_S2 = "conv3x3_s2" "conv3x3.comp" Conv3x3Push
-            { "STRIDE": "2", "TX": "2", "TY": "2", "NV": "8" } &[], HALVES, DENSE;
-        /// The same for CPU drivers.
+        /// Convolution, stride 2, 32 channels a workgroup.
+        CONV3X3_S2 = "conv3x3_s2" "conv3x3_staged.comp" Conv3x3Push { "STRIDE": "2", "OUTPUTS": "32" } &[], HALVES, DENSE;
+        /// The same for CPU drivers, tiles of 32 channels.
         CONV3X3_S2_CPU = "conv3x3_s2_cpu" "conv3x3.comp" Conv3x3Push
             { "STRIDE": "2", "TX": "4", "TY": "2", "NV": "8", "LANES_SHARE": "1", "TEXELS": "1", "BY_TAP": "1" } CPU, CPU_HALVES, DENSE;
         /// Convolution, stride 1, to at most 16 channels.
@@ -208,7 +207,7 @@ contracts! {
     others {
         /// Convolution, stride 1, from a map of 32-bit floats to one of halves.
         CONV3X3_TO_F16 = "conv3x3_to_f16" "conv3x3_staged.comp" Conv3x3Push
-            { "OUTPUTS": "32", "DST_F16": "1" } HALVES, DENSE;
+            { "STRIDE": "1", "OUTPUTS": "32", "DST_F16": "1" } HALVES, DENSE;
         /// Convolution to at most 4 channels, from a map of halves to one of 32-bit floats.
         CONV3X3_N4_FROM_F16 = "conv3x3_n4_from_f16" "conv3x3.comp" Conv3x3Push
             { "STRIDE": "1", "TX": "4", "TY": "2", "NV": "1", "SRC_F16": "1" } &[], DENSE;

@@ -220,7 +220,8 @@ impl Kernel for Embedding {
         Traffic::reading([(self.embedding, dense(9 * CHANNELS))].into_iter().chain(early).chain(projection))
     }
 
-    /// Of a tile, for each column of taps: its pixels, projected where they are of colours staged once, and its products.
+    /// Of a tile, for each column of taps: its pixels, projected where they are of colours staged once, and its
+    /// products.
     fn accesses(&self, variant: &Variant) -> Option<Accesses> {
         let groups: u64 = self.groups(variant).into_iter().map(u64::from).product();
         let (channels, inputs) = (u64::from(CHANNELS), u64::from(INPUTS));

@@ -149,7 +149,8 @@ impl Kernel for Ffn {
         let runs = TOKENS * hidden / 16;
         let results = TOKENS * channels / 4;
         // Every subgroup loads all weights of the first Linear, and those of its outputs of the one back.
-        let products = SUBGROUPS * hidden / 8 * (channels + OUTPUTS + TOKENS * channels / OUTPUTS / u64::from(MOST_TILES));
+        let inputs = TOKENS * channels / OUTPUTS / u64::from(MOST_TILES);
+        let products = SUBGROUPS * hidden / 8 * (channels + OUTPUTS + inputs);
         Some(Accesses {
             global_loads: groups * (normed + 2 * weights + SUBGROUPS * hidden + 10 * runs + 2 * results),
             global_stores: groups * results,

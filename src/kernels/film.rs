@@ -19,9 +19,9 @@ const MIN_TOKENS_PER_SUM: u64 = 64;
 /// Invocations of a partial sum's workgroup.
 const SUM_INVOCATIONS: u32 = 256;
 
-/// Level one: sums of consecutive tokens, row by row, of the part of a map that holds pixels of the unpadded frame. Every
-/// token is brought to mean 0 and variance 1 over its channels first (eps 1e-5); gain and bias are in the weights of level
-/// two.
+/// Level one: sums of consecutive tokens, row by row, of the part of a map that holds pixels of the unpadded frame.
+/// Every token is brought to mean 0 and variance 1 over its channels first (eps 1e-5); gain and bias are in the weights
+/// of level two.
 #[derive(Clone, Debug, PartialEq)]
 pub struct TokenSum {
     /// Input.

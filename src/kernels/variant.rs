@@ -44,8 +44,8 @@ impl Variant {
         Self { contract, special: Specialisation::default(), tiles_a_group: 1 }
     }
 
-    /// One on ordinary cores, specialised for what becomes of its sums: of 64 invocations, each with as many tokens as it
-    /// defines, or with shared memory ([`Variant::stages`]).
+    /// One on ordinary cores, specialised for what becomes of its sums: of 64 invocations, each with as many tokens as
+    /// it defines, or with shared memory ([`Variant::stages`]).
     pub(super) fn dense(contract: &'static Contract, special: Specialisation) -> Self {
         let tokens = || (contract.define("TX") * contract.define("TY")) as u32;
         let variant = Self { contract, special, tiles_a_group: STAGED_TILES };

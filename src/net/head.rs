@@ -17,8 +17,8 @@ pub const HIDDEN: u32 = 32;
 pub const KERNEL_SIDE: u32 = 5;
 /// Side of the kernel over albedo.
 pub const ALBEDO_SIDE: u32 = 3;
-/// Outputs of a pixel's Linear: a kernel's logits, reliability, three shares, the gate or the logit of the share that is
-/// divided by the albedo, a kernel's over albedo.
+/// Outputs of a pixel's Linear: a kernel's logits, reliability, three shares, the gate or the logit of the share that
+/// is divided by the albedo, a kernel's over albedo.
 pub const FULL_OUTPUTS: u32 = KERNEL_SIDE * KERNEL_SIDE + 1 + 3 + 1 + ALBEDO_SIDE * ALBEDO_SIDE;
 /// The least logarithm of a pixel's reliability.
 pub const LOWEST_RELIABILITY: f64 = -40.0;

@@ -153,7 +153,8 @@ impl Weights {
     }
 
     /// Reads a safetensors file in memory. Its metadata: `format`, always `vkdenoise-1`; `architecture`, the JSON of
-    /// the architecture; `preprocessing`, the JSON of the rules that it was trained by; and, if it likes, `training`, any JSON.
+    /// the architecture; `preprocessing`, the JSON of the rules that it was trained by; and, if it likes, `training`,
+    /// any JSON.
     ///
     /// The file need not be trusted: what is allocated stays in proportion to `bytes`.
     ///

@@ -29,8 +29,8 @@ impl Converged {
 /// How far beyond what is denoised the network computes.
 #[derive(Clone, Copy, Debug, PartialEq, Eq)]
 pub enum ConvergedMode {
-    /// As far as the denoised pixels depend on: they have the bits of the whole frame's pass. On matrices they are within
-    /// the rounding of halves of it, as whole frames run more operations as one kernel there.
+    /// As far as the denoised pixels depend on: they have the bits of the whole frame's pass. On matrices they are
+    /// within the rounding of halves of it, as whole frames run more operations as one kernel there.
     Exact,
     /// As far as margins say. The means that FiLM takes of the whole frame are estimated from a sample of what is
     /// converged.

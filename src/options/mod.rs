@@ -85,9 +85,9 @@ pub struct Options {
     pub blend: f32,
     /// What the host path does with fireflies.
     pub fireflies: Fireflies,
-    /// Whether albedo and normals are free of noise, or were denoised before. Else albedo is a mean of 7x7 pixels where it
-    /// and the normals are noisy, as in glass, rough reflections and depth of field (`docs/neutral.md`); what is not noisy
-    /// keeps its bits.
+    /// Whether albedo and normals are free of noise, or were denoised before. Else albedo is a mean of 7x7 pixels where
+    /// it and the normals are noisy, as in glass, rough reflections and depth of field (`docs/neutral.md`); what is not
+    /// noisy keeps its bits.
     pub clean_aux: bool,
     /// Which of the network's operations are folded into others: the same result but for rounding, for less work.
     /// `None`: those that pay on the device.
@@ -142,8 +142,8 @@ pub struct Report {
     /// and compiles.
     pub total_ms: f64,
     /// Share of the FLOPs of the whole frame's pass that were computed: 1, or less with
-    /// [`crate::Denoiser::set_region`], [`crate::Denoiser::set_features_unchanged`] and [`Options::converged`]; more where
-    /// tiles overlap.
+    /// [`crate::Denoiser::set_region`], [`crate::Denoiser::set_features_unchanged`] and [`Options::converged`]; more
+    /// where tiles overlap.
     pub work: f64,
     /// Device memory that the library holds on the device, in bytes: arenas, weights and staging of all its denoisers
     /// there.

@@ -164,9 +164,9 @@ impl Steps<'_> {
     }
 
     /// The embedding of the features in tokens, with the head's Linear of them that is right before it. By itself too,
-    /// where a head makes the features' part again at its end: its sums have another order in a convolution's own kernel.
-    /// `None` where they are something else, and where lists of tiles are made: those of pixels are others than those of
-    /// tokens.
+    /// where a head makes the features' part again at its end: its sums have another order in a convolution's own
+    /// kernel. `None` where they are something else, and where lists of tiles are made: those of pixels are others than
+    /// those of tokens.
     fn features_embedding(&mut self, at: usize) -> Option<(Call, usize)> {
         let graph = self.graph;
         let has_head = graph.arch.head.kernels().is_some();
@@ -216,8 +216,8 @@ impl Steps<'_> {
     }
 
     /// The kernel of the FFN that begins at `at`, and how many operations it swallows. `None` where none begins there,
-    /// where no kernel takes it, where kernels of their own are asked for, and where lists of tiles are made: beyond their
-    /// tiles hidden channels are zeros in memory, and would be those of zeros.
+    /// where no kernel takes it, where kernels of their own are asked for, and where lists of tiles are made: beyond
+    /// their tiles hidden channels are zeros in memory, and would be those of zeros.
     fn ffn(&mut self, at: usize) -> Option<(Call, usize)> {
         let graph = self.graph;
         if self.target.arithmetic != Arithmetic::Matrices || self.target.ffn != FfnForm::Joined {

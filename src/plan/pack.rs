@@ -106,8 +106,8 @@ pub enum Pack {
     /// a tile's rows (taps and inputs, filled up with zeros to a multiple of [`DEPTH`]) `[DEPTH rows][output][row]`, so
     /// that those of an output lie side by side.
     Halves(Box<Pack>),
-    /// The biases of a [`Pack::Linear`] or [`Pack::Conv3x3`], [`BIAS_ROWS`] times: `[row][bias]`, as sums of matrices take
-    /// them.
+    /// The biases of a [`Pack::Linear`] or [`Pack::Conv3x3`], [`BIAS_ROWS`] times: `[row][bias]`, as sums of matrices
+    /// take them.
     BiasRows(Box<Pack>),
     /// `[biases of what is predicted from, by pixel of a token | the reliability's row | biases of the outputs | matrix
     /// by pixel of a token | matrix of the outputs]` of an [`crate::net::OpKind::PredictKernels`], matrices as `[output
@@ -118,8 +118,9 @@ pub enum Pack {
         /// Sizes of kernels.
         levels: u32,
     },
-    /// The same for kernels on matrices: `[biases and the reliability's row as above | halves: matrix by pixel of a token |
-    /// matrix of the outputs]`, of each `[16 rows][output][row]`, the first one's rows of colour and residual twice.
+    /// The same for kernels on matrices: `[biases and the reliability's row as above | halves: matrix by pixel of a
+    /// token | matrix of the outputs]`, of each `[16 rows][output][row]`, the first one's rows of colour and residual
+    /// twice.
     KernelsMatrix {
         /// Tensor prefix.
         head: String,

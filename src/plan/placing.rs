@@ -20,8 +20,8 @@ pub(super) struct Placing<'a> {
 }
 
 impl Placing<'_> {
-    /// Places the buffers; returns the bytes of each block of the arena and of persistent memory. Fails with the size of
-    /// a buffer that no block holds.
+    /// Places the buffers; returns the bytes of each block of the arena and of persistent memory. Fails with the size
+    /// of a buffer that no block holds.
     pub fn place(&self, buffers: &mut [Buffer]) -> Result<(Vec<u64>, Vec<u64>), u64> {
         let times = self.times(buffers.len());
         let used = (0..buffers.len()).filter(|&i| matches!(buffers[i].place, Place::Arena { .. }) && times[i].is_some());

@@ -1,9 +1,9 @@
 //! Which dispatches run side by side: all between two waits are independent of each other, and there are as few waits
 //! as the longest chain of dependencies asks for.
 //!
-//! Every dispatch goes to the first group before which all that it depends on is done (as soon as possible). So the maps
-//! of the features are made beside those of the colour, which is what counts where a kernel lasts as long as one tile,
-//! whatever there is of the frame.
+//! Every dispatch goes to the first group before which all that it depends on is done (as soon as possible). So the
+//! maps of the features are made beside those of the colour, which is what counts where a kernel lasts as long as one
+//! tile, whatever there is of the frame.
 
 use super::{Buffer, Dispatch, Place};
 use crate::kernels::{BufferId, Call};

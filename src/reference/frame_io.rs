@@ -204,8 +204,8 @@ impl Twin for InputAux {
 }
 
 impl Twin for Output {
-    /// `max(expm1(c + r) / exposure, 0)`, at most the frame's largest sample, mixed with the noisy colour, and what went
-    /// around the network; cropped.
+    /// `max(expm1(c + r) / exposure, 0)`, at most the frame's largest sample, mixed with the noisy colour, and what
+    /// went around the network; cropped.
     fn compute(&self, reference: &mut Reference) {
         let (residual, log_color) = (reference.map(&self.residual), reference.map(&self.log_color));
         let top = self.residual_top as usize;

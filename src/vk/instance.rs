@@ -13,8 +13,8 @@ pub(crate) const NO_DRIVER: &str = "there is no Vulkan driver; install one (Debi
 const VALIDATION: &CStr = c"VK_LAYER_KHRONOS_validation";
 
 /// What is in a message that is not about us, and is left out: while a device is made, layers of the driver or of other
-/// programs look this function up as if it were the device's. We load no functions of video, and `ash` asks the instance
-/// for this one.
+/// programs look this function up as if it were the device's. We load no functions of video, and `ash` asks the
+/// instance for this one.
 const OF_OTHERS: &str = "vkGetPhysicalDeviceVideoEncodeQualityLevelPropertiesKHR";
 
 /// What the validation layer said.

@@ -230,9 +230,8 @@ impl Conv3x3 {
     /// What a workgroup stages of a tile and around it.
     fn staged(&self) -> Staged {
         let inputs = u64::from(self.src.channels / 4);
-        let loads = u64::from((TILE + 2) * (TILE + 2)) * inputs;
-        let [epilogue, _] = self.epilogue_accesses();
-        Staged { loads, stores: loads, norm_loads: 0, rows: 9 * 4 * inputs, epilogue }
+        let loads = u64::from(((TILE - 1) * self.stride + 3).pow(2)) * inputs;
+        Staged { loads, stores: loads, norm_loads: 0, rows: 9 * 4 * inputs, epilogue: self.epilogue_accesses() }
     }
 
     pub(crate) fn accesses_on_matrices(&self, special: Specialisation) -> Accesses {

@@ -119,7 +119,7 @@ impl Linear {
             stores: TOKENS * (inputs.next_multiple_of(4) + 18 * norms),
             norm_loads: norms * TOKENS * (4 + 2 * inputs),
             rows: 4 * inputs,
-            epilogue: self.epilogue_loads(),
+            epilogue: [self.epilogue_loads(), 1],
         }
     }
 

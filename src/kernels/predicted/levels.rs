@@ -172,8 +172,8 @@ pub struct MixLevels {
     pub levels: Vec<View>,
     /// log1p of the exposed colour, and what the network adds to it, where the gate counts.
     pub direct: Option<(View, View)>,
-    /// Whether the levels have two images: by the gate the one that was divided by the albedo, times it, and by the rest
-    /// the other.
+    /// Whether the levels have two images: by the gate the one that was divided by the albedo, times it, and by the
+    /// rest the other.
     pub gloss: bool,
     /// Of every image three channels of exposed radiance and a zero.
     pub dst: View,
