@@ -1,6 +1,7 @@
-"""The PyTorch definition of a network beside the engine: a peer for `vkdenoise-bench pareto`.
+r"""The PyTorch definition of a network beside the engine: a peer for `vkdenoise-bench pareto`.
 
-    vkdenoise-bench pareto PAIRS --peer 'PyTorch=venv/bin/python tools/measure/pytorch_peer.py weights/hybrid.safetensors'
+    vkdenoise-bench pareto PAIRS \
+        --peer 'PyTorch=venv/bin/python tools/measure/pytorch_peer.py weights/hybrid_kernels.safetensors'
 
 Eager, fp32, inference mode, 2 threads; statistics, pre- and post-processing are numpy's and count.
 """
