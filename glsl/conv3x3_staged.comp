@@ -44,7 +44,8 @@ vec4 next_inputs[INPUT_LOADS];
 void fetch_inputs(uint first) {
     [[unroll]] for (uint n = 0u; n < INPUT_LOADS; ++n) {
         uint i = lane + n * INVOCATIONS, token = min(i / STEP, AROUND - 1u), k = first + i % STEP;
-        ivec2 at = ivec2(origins[token / (SIDE * SIDE)] * STRIDE + uvec2(token % SIDE, token / SIDE % SIDE)) - 1;
+        uvec2 first_tap = origin_of(token / (SIDE * SIDE)) * STRIDE;
+        ivec2 at = ivec2(first_tap + uvec2(token % SIDE, token / SIDE % SIDE)) - 1;
         bool inside = k < src_channels && all(greaterThanEqual(at, ivec2(0)));
         inside = inside && all(lessThan(at, ivec2(src_width, src_height)));
         next_inputs[n] = inside ? LOAD(src, uint(at.y * int(src_width) + at.x) * src_stride + k) : vec4(0.0);

@@ -30,8 +30,13 @@ uint first_output = gl_WorkGroupID.y * (OUTPUTS / 4u) + own_outputs;
 // The first token of each tile; where there is no second one, that of the first again.
 uvec2 origins[TILES];
 
+// Not by an index that compilers do not know: they would keep both in memory.
+uvec2 origin_of(uint tile) {
+    return tile == 0u ? origins[0] : origins[1];
+}
+
 uvec2 token_at(uint token) {
-    return origins[token / 64u] + uvec2(token % 8u, token / 8u % 8u);
+    return origin_of(token / 64u) + uvec2(token % 8u, token / 8u % 8u);
 }
 #define OWN_TOKEN(p) ((p) * TOKEN_GROUPS + own_tokens)
 
