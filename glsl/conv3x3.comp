@@ -1,5 +1,6 @@
 // Dense 3x3 convolution, zero padding, stride STRIDE, with its epilogue: act(film(sum + bias) + residual), stored
-// plain, pixel-shuffled or pixel-unshuffled.
+// plain, pixel-shuffled or pixel-unshuffled. For CPU drivers; on GPUs to at most 16 channels, the others are those of
+// conv3x3_staged.comp.
 #version 460
 #include "shared/storage.glsl"
 #include "shared/tiles.glsl"

@@ -1,4 +1,4 @@
-// Pointwise (1x1) convolution of one or two concatenated maps: act(film(W [a|b] + bias) + residual).
+// Pointwise (1x1) convolution of one or two concatenated maps, for CPU drivers: act(film(W [a|b] + bias) + residual).
 //
 // NORM: every token of the one map is brought to mean 0 and variance 1 over its channels first; gain and bias are in
 // the weights.

@@ -14,7 +14,7 @@ pub struct KernelTarget {
     pub output_half: bool,
 }
 
-/// Tiles of a workgroup that stages its inputs as floats.
+/// Tiles of a workgroup that stages its inputs as floats, as `glsl/shared/staged_products.glsl` has them.
 const STAGED_TILES: u32 = 2;
 /// Bytes between the places where a texel buffer may begin.
 const TEXEL_ALIGNMENT: u64 = 16;
