@@ -10,6 +10,7 @@
 #include "shared/target_plane.glsl"
 #include "shared/planes.glsl"
 #include "shared/converged.glsl"
+#include "shared/energy.glsl"
 
 layout(local_size_x = 64) in;
 
@@ -26,6 +27,7 @@ layout(push_constant) uniform Push {
     TileList tiles;       // with FLAG_TILE_LIST
     Uints map;            // with FLAG_CONVERGED
     Floats turned;        // with FLAG_TURNED and FLAG_UPRIGHT: three floats for each pixel of the frame
+    Weights gains;      // with FLAG_RADIANCE
     uint left;            // the pixels to write, ends excluded
     uint top;
     uint right;
@@ -38,7 +40,9 @@ layout(push_constant) uniform Push {
     uint flags;
     float blend;
     uint width;           // of the frame
+    uint height;
     uint pixels;
+    uint gain_columns;
     uint unused;
 };
 
@@ -83,9 +87,15 @@ void main() {
         vec3 result = LOAD(residual, ((at.y - residual_top) * src_width + at.x) * residual_stride).xyz;
         bool is_radiance = (flags & FLAG_RADIANCE) != 0u;
         float inverse = 1.0 / stats.exposure;
+        vec3 largest = vec3(stats.largest[0], stats.largest[1], stats.largest[2]);
         for (int i = 0; i < 3; ++i) {
-            float clean = is_radiance ? unexposed(result[i], inverse) : linear_color(noisy[i] + result[i], inverse);
-            color[i] = min(clean, stats.largest[i]);
+            color[i] = is_radiance ? unexposed(result[i], inverse) : linear_color(noisy[i] + result[i], inverse);
+        }
+        if (is_radiance) {
+            color *= 1.0 + energy_gain(gains, gain_columns, at, uvec2(width, height)) * energy_room(color, largest);
+        }
+        color = min(color, largest);
+        for (int i = 0; i < 3; ++i) {
             if (blend > 0.0) color[i] = mix(color[i], linear_color(noisy[i], inverse), blend);
         }
         if (noisy.w != 0.0) {

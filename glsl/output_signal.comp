@@ -9,6 +9,7 @@
 #include "shared/target_plane.glsl"
 #include "shared/planes.glsl"
 #include "shared/converged.glsl"
+#include "shared/energy.glsl"
 #include "shared/signals.glsl"
 
 layout(local_size_x = 64) in;
@@ -22,6 +23,7 @@ layout(push_constant) uniform Push {
     Uints map;            // with FLAG_CONVERGED
     TileList tiles;       // with FLAG_TILE_LIST
     Floats turned;        // with FLAG_TURNED and FLAG_UPRIGHT: the signal's channels for each pixel of the frame
+    Weights gains;      // of the colour's result
     uint left;            // the pixels to write, ends excluded
     uint top;
     uint right;
@@ -32,7 +34,9 @@ layout(push_constant) uniform Push {
     uint flags;
     float blend;
     uint width;           // of the frame
+    uint height;
     uint pixels;
+    uint gain_columns;
     uint unused;
 };
 
@@ -57,10 +61,14 @@ void main() {
         float inverse = light ? 1.0 / stats.exposure : 1.0;
         result = LOAD_WEIGHTS(filtered, pixel).xyz * inverse;
         if (light) {
-            vec3 of_color = LOAD_WEIGHTS(color, pixel).xyz;
+            vec3 largest = vec3(stats.largest[0], stats.largest[1], stats.largest[2]);
+            vec3 clean = min(max(LOAD_WEIGHTS(color, pixel).xyz, vec3(0.0)) * inverse, vec3(MAX_FLOAT));
+            vec3 gain = energy_gain(gains, gain_columns, at, uvec2(width, height));
+            vec3 factor = 1.0 + gain * energy_room(clean, largest);
+            result *= factor;
+            clean *= factor;
             for (int i = 0; i < 3; ++i) {
-                float clean = min(max(of_color[i], 0.0) * inverse, MAX_FLOAT);
-                if (clean > stats.largest[i]) result[i] *= stats.largest[i] / clean;
+                if (clean[i] > largest[i]) result[i] *= largest[i] / clean[i];
             }
         }
         // Its last number tells the channels of which it is all.

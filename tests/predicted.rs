@@ -5,6 +5,7 @@ mod common;
 
 use common::case::{Cases, DENSE_FORMS, KERNEL_LIMIT, MATRIX_LIMIT, PREPROCESSING};
 use common::dense::size;
+use vkdenoise::kernels::energy::{BLOCK, EnergyGains};
 use vkdenoise::kernels::predicted::{ApplyKernels, Halve, KernelInputs, MixLevels, PredictKernels};
 use vkdenoise::kernels::{Arithmetic, Call, Storage, View};
 use vkdenoise::net::{Arch, Head, Weights};
@@ -169,4 +170,29 @@ fn mix_levels() {
         cases.add(Call::MixLevels(call), dst);
     }
     cases.check("mix_levels", KERNEL_LIMIT);
+}
+
+/// Squares that lack light and some that have too much, partly beyond the frame's end.
+#[test]
+fn energy_gains() {
+    let mut cases = cases(Head::pure());
+    for i in 0..12u32 {
+        let blocks = (1 + i % 3, 1 + i / 4);
+        let pixels = (blocks.0 * BLOCK, blocks.1 * BLOCK);
+        // What was given from little noise to so much that nothing is known of the mean, and beyond the bound.
+        let (low, high) = [(0.02, 0.7), (0.3, 0.35), (0.05, 0.1), (0.0, 3.0)][i as usize % 4];
+        let call = EnergyGains {
+            result: cases.map_between(pixels, 4, 0.3, 0.5),
+            log_color: cases.map_between(pixels, 4, low, high),
+            dst: cases.target(blocks, 4),
+            width: pixels.0 - i % 5 * 7,
+            height: pixels.1 - i % 4 * 11,
+            tiles: cases.windows((pixels.0 / 8, pixels.1 / 8)),
+            stats: full(&mut cases, |cases| cases.map_between((8, 8), 4, 0.6, 0.9)).buffer,
+            converged: None,
+        };
+        let dst = call.dst.buffer;
+        cases.add(Call::EnergyGains(call), dst);
+    }
+    cases.check("energy_gains", KERNEL_LIMIT);
 }

@@ -32,6 +32,7 @@ const RESIDUAL: BufferId = BufferId(5);
 const TILE_LIST: BufferId = BufferId(6);
 const DEPTH_SCALE: BufferId = BufferId(7);
 const RUNS: BufferId = BufferId(8);
+const GAINS: BufferId = BufferId(9);
 
 const BUFFER_VARIANTS: KernelTarget = KernelTarget { cpu: false, images: false, output_half: false };
 
@@ -57,6 +58,12 @@ fn residual(extent: Extent) -> View {
     view(extent, RESIDUAL, 4, 4, 12)
 }
 
+/// Of squares of 64 pixels, some of them beyond the frame.
+fn gains(extent: Extent) -> View {
+    let (width, height) = (extent.width.div_ceil(64) + 1, extent.height.div_ceil(64) + 1);
+    View { width, height, ..view(extent, GAINS, 0, 4, 4) }
+}
+
 fn tile_stats(Extent { width, height }: Extent) -> TileStats {
     TileStats { stats: STATS, dst: TILE_STATS, runs: RUNS, width, height }
 }
@@ -73,6 +80,7 @@ fn buffers(extent: Extent) -> Vec<Buffer> {
         ("tile list", tokens / 16),
         ("depth scale", 4),
         ("runs", tile_stats(extent).run_bytes()),
+        ("gains", gains(extent).bytes()),
     ];
     let place = Place::Arena { block: 0, offset: 0 };
     sizes.map(|(name, bytes)| Buffer { name: name.into(), bytes, storage: Storage::F32, place: place.clone() }).into()
@@ -261,6 +269,7 @@ fn the_way_out() {
             (r[4], r[5]) = if random.coin() { (0.0, -c[1]) } else { (r[4] * c[0], r[5]) };
         }
         rig.set(RESIDUAL, &residuals);
+        rig.set(GAINS, &random.values(gains(extent).elements() as usize, -0.125, 0.125));
         let blend = [0.0, 0.25, 1.0][i % 3];
         rig.reference.set_frame(&frame.frame(), None, blend.into()).unwrap();
         rig.reference.set_output_half(output_half);
@@ -278,7 +287,7 @@ fn the_way_out() {
         rig.run(&[Call::Output(Output {
             residual,
             residual_top: 0,
-            radiance: i % 3 == 1,
+            gains: (i % 3 == 1).then_some(gains(extent)),
             log_color,
             stats: STATS,
             width,

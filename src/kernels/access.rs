@@ -23,8 +23,11 @@ pub enum Footprint {
         /// Tokens around.
         reach: u32,
     },
-    /// The 2x2 tokens that it is made of.
-    Finer,
+    /// The `by` x `by` tokens that it is made of.
+    Finer {
+        /// Tokens of the map, on a side, for one of the grid.
+        by: u32,
+    },
     /// The token of a map that is so many times coarser, and those within `reach` of it.
     Coarser {
         /// Tokens of the grid, on a side, for one of the map.
@@ -45,6 +48,8 @@ pub enum Scale {
     Double,
     /// Half of the grid's.
     Half,
+    /// A token for each tile of the grid.
+    Tile,
 }
 
 impl Access {
@@ -74,11 +79,12 @@ impl Access {
     pub(crate) fn margin(self, of_map: u32) -> Option<u32> {
         match self {
             Self::Read(Footprint::Around { stride, reach }) => Some((of_map + reach).div_ceil(stride)),
-            Self::Read(Footprint::Finer) => Some(of_map.div_ceil(2)),
+            Self::Read(Footprint::Finer { by }) => Some(of_map.div_ceil(by)),
             Self::Read(Footprint::Coarser { by, reach }) => Some((of_map + reach) * by),
             Self::Residual(Scale::Same) => Some(of_map),
             Self::Residual(Scale::Double) => Some(of_map.div_ceil(2)),
             Self::Residual(Scale::Half) => Some(2 * of_map),
+            Self::Residual(Scale::Tile) => Some(TILE * of_map),
             Self::Read(Footprint::Whole) | Self::Write(_) => None,
         }
     }
@@ -95,12 +101,13 @@ impl Access {
             _ if rect.is_empty() => Some(TokenRect::default()),
             Self::Read(Footprint::Whole) => None,
             Self::Read(Footprint::Around { stride, reach }) => Some(around(stride, reach, rect)),
-            Self::Read(Footprint::Finer) => Some(rect.doubled()),
+            Self::Read(Footprint::Finer { by }) => Some(rect.times(by)),
             Self::Read(Footprint::Coarser { by, reach }) => Some(around(1, reach, rect.divided(by))),
             Self::Residual(scale) | Self::Write(scale) => Some(match scale {
                 Scale::Same => rect,
-                Scale::Double => rect.doubled(),
-                Scale::Half => rect.halved(),
+                Scale::Double => rect.times(2),
+                Scale::Half => rect.divided(2),
+                Scale::Tile => rect.divided(TILE),
             }),
         }
     }
@@ -113,6 +120,7 @@ impl Scale {
             Self::Same => of_grid,
             Self::Double => 2 * of_grid,
             Self::Half => of_grid.div_ceil(2),
+            Self::Tile => of_grid.div_ceil(TILE),
         }
     }
 
@@ -120,8 +128,9 @@ impl Scale {
     pub(crate) fn to_grid(self, rect: TokenRect) -> TokenRect {
         match self {
             Self::Same => rect,
-            Self::Double => rect.halved(),
-            Self::Half => rect.doubled(),
+            Self::Double => rect.divided(2),
+            Self::Half => rect.times(2),
+            Self::Tile => rect.times(TILE),
         }
     }
 }

@@ -244,6 +244,10 @@ contracts! {
         MIX_LEVELS = "mix_levels" "mix_levels.comp" MixLevelsPush {} &[];
         /// The same for CPU drivers.
         MIX_LEVELS_CPU = "mix_levels_cpu" "mix_levels.comp" MixLevelsPush { "TEXELS": "1" } CPU;
+        /// What squares of the result get back of the light.
+        ENERGY_GAINS = "energy_gains" "energy_gains.comp" EnergyGainsPush {} &[];
+        /// The same for CPU drivers.
+        ENERGY_GAINS_CPU = "energy_gains_cpu" "energy_gains.comp" EnergyGainsPush { "TEXELS": "1" } CPU;
         /// Convolution on cooperative matrices, stride 1.
         CONV3X3_MATRIX = "conv3x3_matrix" "conv3x3_matrix.comp" Conv3x3Push
             { "SRC_F16": "1", "DST_F16": "1", "STRIDE": "1" } MATRICES, DENSE_MATRIX_CUT;

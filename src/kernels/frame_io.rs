@@ -1,6 +1,7 @@
 //! The frame's way into the network and out of it.
 
 use super::contracts::{self, halves};
+use super::energy;
 use super::ensemble::{self, Member};
 use super::pushes::{InputAuxPush, InputColorPush, OutputPush};
 use super::stats::STATS_FLOATS;
@@ -191,8 +192,8 @@ impl Kernel for InputAux {
     }
 }
 
-/// `max(expm1(c + r) / exposure, 0)`, or where the network makes radiance `max(r / exposure, 0)`, at most the frame's
-/// largest sample of the channel, mixed with the noisy colour by `blend`, cropped to the frame; then what of the
+/// `max(expm1(c + r) / exposure, 0)`, or where the network makes radiance `max(r / exposure, 0)` with what squares of it
+/// get back of the light ([`super::energy::EnergyGains`]), at most the frame's largest sample of the channel, mixed with the noisy colour by `blend`, cropped to the frame; then what of the
 /// caller's pixel was not in c is added, where c is marked, or is all of it in a lamp of +Inf ([`InputColor`]).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Output {
@@ -200,8 +201,8 @@ pub struct Output {
     pub residual: View,
     /// The frame's row that its first one is: of a band's another than 0.
     pub residual_top: u32,
-    /// Whether that is exposed radiance.
-    pub radiance: bool,
+    /// Where that is exposed radiance, [`super::energy::EnergyGains::dst`] of the whole frame.
+    pub gains: Option<View>,
     /// The network's colour input c.
     pub log_color: View,
     /// The statistics.
@@ -253,6 +254,7 @@ impl Kernel for Output {
             tiles: at.tiles(&self.tiles),
             map: self.converged.map_or(0, |map| at.of(map)),
             turned: self.ensemble.map_or(0, |(_, result)| at.of(result)),
+            gains: at.view_or_null(self.gains.as_ref()),
             left: self.region.x,
             top: self.region.y,
             right: self.region.right(),
@@ -264,11 +266,13 @@ impl Kernel for Output {
             tile_count: self.tiles.count(self.width, self.height),
             flags: self.tiles.flags(self.width)
                 | self.converged.map_or(0, |_| flags::CONVERGED)
-                | if self.radiance { flags::RADIANCE } else { 0 }
+                | self.gains.map_or(0, |_| flags::RADIANCE)
                 | Member::flag(self.ensemble.map(|(member, _)| member)),
             blend: at.frame.blend,
             width: self.width,
+            height: self.height,
             pixels: self.width * self.height,
+            gain_columns: self.gains.map_or(0, |gains| gains.width),
             unused: 0,
         })
     }
@@ -276,6 +280,7 @@ impl Kernel for Output {
     fn maps(&mut self, visit: &mut dyn FnMut(&mut View, Access)) {
         visit(&mut self.residual, Access::SAME);
         visit(&mut self.log_color, Access::SAME);
+        self.gains.iter_mut().for_each(|gains| visit(gains, energy::BESIDE_PIXELS));
     }
 
     fn others(&self) -> Traffic {

@@ -64,6 +64,8 @@ macro_rules! for_kernels {
             InputColor(frame_io::InputColor),
             /// Features' input.
             InputAux(frame_io::InputAux),
+            /// What squares of the result get back of the light.
+            EnergyGains(energy::EnergyGains),
             /// Output.
             Output(frame_io::Output),
             /// A signal beside the colour to what predicted kernels read.
@@ -94,6 +96,7 @@ pub mod converged;
 pub mod dense;
 pub mod ensemble;
 pub mod embedding;
+pub mod energy;
 pub mod expand;
 pub mod ffn;
 pub mod film;

@@ -2,6 +2,7 @@
 //! ([`crate::signals`]).
 
 use super::contracts;
+use super::energy;
 use super::ensemble::Member;
 use super::frame_io::firefly_flags;
 use super::planes::PlaneArgs;
@@ -181,14 +182,16 @@ impl Kernel for InputSignal {
 }
 
 /// A signal that went through the colour's kernels to the caller's plane, cropped to the frame: mixed with the noisy
-/// one by `blend`, with what goes around the kernels. Where the colour's result is cut at the frame's largest sample,
-/// a part of the light is by the same factor.
+/// one by `blend`, with what goes around the kernels. A part of the light is multiplied by what the colour's result is
+/// ([`super::energy::EnergyGains`]), and where that is cut at the frame's largest sample, cut by the same factor.
 #[derive(Clone, Debug, PartialEq)]
 pub struct OutputSignal {
     /// The filtered signal, four channels, exposed where it is light; 32-bit floats.
     pub filtered: View,
     /// The colour's result, as that.
     pub color: View,
+    /// [`super::energy::EnergyGains::dst`] of that.
+    pub gains: View,
     /// [`InputSignal::dst`].
     pub input: View,
     /// The statistics.
@@ -237,6 +240,7 @@ impl Kernel for OutputSignal {
             map: self.converged.map_or(0, |map| at.of(map)),
             tiles: at.tiles(&self.tiles),
             turned: signal.turned,
+            gains: at.view(&self.gains),
             left: self.region.x,
             top: self.region.y,
             right: self.region.right(),
@@ -250,7 +254,9 @@ impl Kernel for OutputSignal {
                 | Member::flag(self.member),
             blend: at.frame.blend,
             width: self.width,
+            height: self.height,
             pixels: self.width * self.height,
+            gain_columns: self.gains.width,
             unused: 0,
         })
     }
@@ -261,6 +267,7 @@ impl Kernel for OutputSignal {
 
     fn maps(&mut self, visit: &mut dyn FnMut(&mut View, Access)) {
         [&mut self.filtered, &mut self.color, &mut self.input].into_iter().for_each(|map| visit(map, Access::SAME));
+        visit(&mut self.gains, energy::BESIDE_PIXELS);
     }
 
     fn others(&self) -> Traffic {

@@ -60,21 +60,16 @@ impl TokenRect {
         Self { right: self.right.min(width), bottom: self.bottom.min(height), ..*self }
     }
 
-    /// The tokens of a map of half the size that cover it.
-    pub fn halved(&self) -> Self {
-        self.divided(2)
-    }
-
     /// The tokens of a map of a part of the size that cover it.
     pub fn divided(&self, by: u32) -> Self {
         let Self { left, top, right, bottom } = *self;
         Self { left: left / by, top: top / by, right: right.div_ceil(by), bottom: bottom.div_ceil(by) }
     }
 
-    /// The tokens of a map of twice the size that it covers.
-    pub fn doubled(&self) -> Self {
+    /// The tokens of a map of so many times the size that it covers.
+    pub fn times(&self, by: u32) -> Self {
         let Self { left, top, right, bottom } = *self;
-        Self { left: 2 * left, top: 2 * top, right: 2 * right, bottom: 2 * bottom }
+        Self { left: by * left, top: by * top, right: by * right, bottom: by * bottom }
     }
 
     /// The least that begins and ends at multiples of `grain` and covers it.

@@ -9,7 +9,7 @@ use super::lower::Lowering;
 use super::region::restrict_chain;
 use super::steps::Step;
 use crate::frame::Region;
-use crate::kernels::{BufferId, Call, TILE, predicted};
+use crate::kernels::{BufferId, Call, TILE, energy, predicted};
 use crate::net::graph::Graph;
 use crate::net::op::{Op, OpKind, Shape, ValueId};
 use crate::target::Target;
@@ -43,7 +43,7 @@ impl Lowering<'_> {
         let mut chain = Chain::new(self.graph, first, self.options, &self.stored, head_in_bands(self.graph));
         let mut bands = self.bands(&chain);
         // The head reaches far: bands that are nearly the frame save nothing.
-        if chain.makes_picture && self.rows(&chain, bands) + 2 * chain.halo >= self.padded.height {
+        if chain.makes_picture && self.rows(&chain, bands) + chain.above + chain.below >= self.padded.height {
             chain = Chain::new(self.graph, first, self.options, &self.stored, None);
             bands = self.bands(&chain);
         }
@@ -87,8 +87,10 @@ impl Lowering<'_> {
 
     /// Lowers the chain for the pixel rows `first..end` of its result.
     fn lower_band(&mut self, chain: &Chain, steps: &[Step], number: u32, (first, end): (u32, u32)) {
-        let top = first.saturating_sub(chain.halo);
-        let bottom = (end + chain.halo).min(self.padded.height);
+        // The picture of the last rows waits for the next band: what is given back there is between two squares.
+        let before = if chain.makes_picture { first.saturating_sub(energy::BLOCK / 2) } else { first };
+        let top = first.saturating_sub(chain.above);
+        let bottom = (end + chain.below).min(self.padded.height);
         let picture = chain.makes_picture.then_some(&self.graph.residual);
         let locals = chain.locals.iter().chain(picture).filter_map(|value| self.steps.values.get(value));
         let locals = locals.copied().collect();
@@ -102,7 +104,7 @@ impl Lowering<'_> {
         };
         let results: Vec<bool> = calls.iter().map(|(op, ..)| stays(*op)).collect();
         let mut only: Vec<&mut Call> = calls.iter_mut().map(|(_, call, _)| call).collect();
-        restrict_chain(&mut only, &results, (top, bottom), (first, end));
+        restrict_chain(&mut only, &results, (top, bottom), (before, end));
         let result = calls.last().and_then(|(_, call, _)| call.result());
         for (op, call, flops) in calls {
             let op = &self.graph.ops[op];
@@ -118,7 +120,9 @@ impl Lowering<'_> {
         }
         if let Some(picture) = result.filter(|_| chain.makes_picture) {
             let all = Region::all(self.extent);
-            let rows = Region { y: first, height: end.min(all.height).saturating_sub(first), ..all };
+            self.energy(&format!("output.energy.band{number}"), picture, top, (first, end));
+            let end = if end < self.padded.height { end - energy::BLOCK / 2 } else { end };
+            let rows = Region { y: before, height: end.min(all.height).saturating_sub(before), ..all };
             self.frame_out(&format!("output.band{number}"), picture, top, rows);
         }
     }
@@ -133,9 +137,12 @@ struct Chain {
     locals: Vec<ValueId>,
     /// Bytes of the widest of those, for 256 pixels.
     widest: u64,
-    /// Pixel rows, a multiple of `grain`, that a row of the result reaches beyond itself.
-    halo: u32,
-    /// Pixel rows of a tile of the coarsest map touched.
+    /// Pixel rows, a multiple of `grain`, that a row of the result reaches above itself; that of a picture the half of
+    /// a square too that waits for the next band.
+    above: u32,
+    /// The same below.
+    below: u32,
+    /// Pixel rows of a tile of the coarsest map touched, of a picture a square of it at least.
     grain: u32,
     /// Whether its result is the network's, to be made a picture band by band too.
     makes_picture: bool,
@@ -145,10 +152,12 @@ impl Chain {
     /// The longest chain that begins at `at`; a single operation if there is no longer one. `head`: the first operation
     /// of a head that may be one chain to the picture; `stored`: the values that kernels leave in memory.
     fn new(graph: &Graph, at: usize, target: &Target, stored: &HashSet<ValueId>, head: Option<usize>) -> Self {
-        let mut best = Self { at, ops: 1, locals: Vec::new(), widest: 0, halo: 0, grain: TILE, makes_picture: false };
+        let mut best = Self { at, ops: 1, locals: Vec::new(), widest: 0, above: 0, below: 0, grain: TILE, makes_picture: false };
         let mut made: Vec<ValueId> = Vec::new();
         let kept = kept_for_kernels(graph);
         let head = head.filter(|_| !target.signals);
+        // How far what is made reaches, and the farthest.
+        let mut reaches: HashMap<ValueId, u32> = HashMap::new();
         let (mut reach, mut grain) = (0, TILE);
         for (i, op) in graph.ops.iter().enumerate().skip(at) {
             let Some(step) = reach_of(graph, op) else { break };
@@ -161,7 +170,13 @@ impl Chain {
             {
                 break;
             }
-            reach += step;
+            let before = graph.reads(op).into_iter().filter_map(|slice| reaches.get(&slice.value));
+            let own = step + before.max().unwrap_or(&0);
+            graph.writes(op).into_iter().for_each(|slice| {
+                let reach = reaches.entry(slice.value).or_default();
+                *reach = own.max(*reach);
+            });
+            reach = reach.max(own);
             let touched = graph.reads(op).into_iter().chain([graph.result(op)]);
             grain = touched.filter_map(|slice| stride_of(graph, slice.value)).fold(grain, |g, s| g.max(TILE * s));
             let result = graph.result(op).value;
@@ -177,7 +192,13 @@ impl Chain {
                 let widest = made.iter().filter(|value| stored.contains(value)).map(bytes).max().unwrap_or(0);
                 let (ops, locals) = (i + 1 - at, made.clone());
                 let makes_picture = head.is_some() && result == graph.residual;
-                best = Self { at, ops, locals, widest, halo: reach.next_multiple_of(grain), grain, makes_picture };
+                // A picture gets light back square by square.
+                let (grain, waits) = match makes_picture {
+                    true => (grain.max(energy::BLOCK), energy::BLOCK / 2),
+                    false => (grain, 0),
+                };
+                let [above, below] = [reach + waits, reach].map(|rows| rows.next_multiple_of(grain));
+                best = Self { at, ops, locals, widest, above, below, grain, makes_picture };
             }
             if !kept.contains(&result) {
                 made.push(result);

@@ -170,6 +170,10 @@ pub(super) fn apply(merged: Merged, buffers: &mut Vec<Buffer>, frame: &Frame) ->
         match &mut dispatch.call {
             Call::Output(output) => output.converged = Some(activity.buffer),
             Call::OutputSignal(output) => output.converged = Some(activity.buffer),
+            // Whole squares are computed where any of their pixels is wanted, or else what is computed counts.
+            Call::EnergyGains(energy) if frame.mode != ConvergedMode::Exact => {
+                energy.converged = Some(activity.buffer);
+            }
             _ => {}
         }
         let Some(list) = list_of[at] else {
@@ -256,7 +260,9 @@ fn scopes(merged: &[(Dispatch, For)], frame: &Frame) -> Vec<Scope> {
         }
         // The small maps of a frame without features stand for all of it.
         let is_small = *frames == For::NoFeatures && !matches!(dispatch.call, Call::Expand(_));
-        if is_small || frame.keeps_features && dispatch.of_features {
+        // Beside squares that are computed there may be some of which nothing is.
+        let reads_beyond = matches!(dispatch.call, Call::EnergyGains(_)) && frame.mode != ConvergedMode::Exact;
+        if is_small || reads_beyond || frame.keeps_features && dispatch.of_features {
             *scope = Scope::Whole;
         }
     }

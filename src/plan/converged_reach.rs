@@ -134,6 +134,7 @@ fn side(dispatch: &Dispatch, id: BufferId) -> u32 {
     match scale {
         Some(Scale::Double) => 2 * TILE,
         Some(Scale::Half) => TILE / 2,
+        Some(Scale::Tile) => 1,
         Some(Scale::Same) | None => TILE,
     }
 }

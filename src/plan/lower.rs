@@ -12,7 +12,7 @@ use super::{Buffer, Dispatch, Place, Plan, converged, ensemble, features, hazard
 use crate::frame::{Extent, Region};
 use crate::kernels::ensemble::{Member, result_bytes};
 use crate::kernels::stats::Counted;
-use crate::kernels::{BufferId, Call, Storage, TILE, TileRect, Tiles, TokenRect, View, film, frame_io, stats};
+use crate::kernels::{BufferId, Call, Storage, TILE, TileRect, Tiles, TokenRect, View, energy, film, frame_io, stats};
 use crate::net::cost::op_flops;
 use crate::net::graph::Graph;
 use crate::net::op::{Stage, ValueId};
@@ -37,6 +37,8 @@ pub(super) struct Lowering<'a> {
     pub stats: BufferId,
     /// What is known of every tile of the colour.
     pub tile_stats: BufferId,
+    /// What squares of the result get back, once there is a buffer for it.
+    gains: Option<BufferId>,
     /// Which of an ensemble the dispatches are of.
     pub member: Option<Member>,
     /// Where the result of the turned frame is kept, where there is an ensemble.
@@ -67,6 +69,7 @@ impl<'a> Lowering<'a> {
             sums: HashMap::new(),
             stats: steps.stats,
             tile_stats: BufferId(0),
+            gains: None,
             member: None,
             turned_result: None,
         }
@@ -195,6 +198,48 @@ impl<'a> Lowering<'a> {
         }
     }
 
+    /// What squares of the result get back, of the rows `first..end` of the frame; the result begins at the
+    /// frame's row `top`. Nothing where the network adds a residual.
+    pub(super) fn energy(&mut self, name: &str, result: View, top: u32, (first, end): (u32, u32)) {
+        let Some(gains) = self.gains() else { return };
+        let Extent { width, height } = self.extent;
+        let (log_color, padded) = (self.whole(self.graph.color), self.padded);
+        let rows = |view: View| View { height: result.height * view.height / padded.height, ..view };
+        let of_rows = TokenRect { left: 0, top: first - top, right: result.width, bottom: end - top };
+        let tiles = match end - first == padded.height {
+            true => Tiles::All,
+            false => {
+                let (width, height) = (result.width / energy::TOKEN, result.height / energy::TOKEN);
+                Tiles::Rect(TileRect::covering(of_rows.divided(energy::TOKEN), width, height))
+            }
+        };
+        let call = energy::EnergyGains {
+            result,
+            log_color: rows(View { top, ..log_color }),
+            stats: self.stats,
+            dst: rows(View { top: top / energy::BLOCK, ..gains }),
+            width,
+            height: height.saturating_sub(top),
+            tiles,
+            converged: None,
+        };
+        self.push(name, Stage::Output, 0, Call::EnergyGains(call));
+    }
+
+    /// The squares' gains, of the whole frame, where the network makes radiance.
+    pub(super) fn gains(&mut self) -> Option<View> {
+        self.graph.arch.head.kernels()?;
+        let of_pixels = self.whole(self.graph.residual);
+        let (width, height) = (of_pixels.width / energy::BLOCK, of_pixels.height / energy::BLOCK);
+        let mut view = View { first: 0, channels: 4, stride: 4, width, height, storage: Storage::F32, ..of_pixels };
+        view.buffer = match self.gains {
+            Some(buffer) => buffer,
+            None => self.scratch("energy.gains", view.bytes(), Storage::F32),
+        };
+        self.gains = Some(view.buffer);
+        Some(view)
+    }
+
     /// The picture, or a band of it: the pixels of `region`, from the network's result that begins at the frame's row
     /// `top`.
     pub(super) fn frame_out(&mut self, name: &str, residual: View, top: u32, region: Region) {
@@ -214,7 +259,7 @@ impl<'a> Lowering<'a> {
             height,
             tiles,
             region,
-            radiance: self.graph.arch.head.kernels().is_some(),
+            gains: self.gains(),
             converged: None,
             ensemble,
         };
@@ -234,9 +279,13 @@ impl<'a> Lowering<'a> {
     pub fn frame(&mut self) {
         self.frame_in();
         self.ops();
+        let in_bands = self.dispatches.iter().any(|dispatch| matches!(dispatch.call, Call::Output(_)));
+        let residual = self.whole(self.graph.residual);
+        if !in_bands {
+            self.energy("output.energy", residual, 0, (0, self.padded.height));
+        }
         self.signals();
-        if !self.dispatches.iter().any(|dispatch| matches!(dispatch.call, Call::Output(_))) {
-            let residual = self.whole(self.graph.residual);
+        if !in_bands {
             self.frame_out("output", residual, 0, Region::all(self.extent));
         }
     }

@@ -156,10 +156,11 @@ impl Needed {
             _ => (region, None),
         };
         let rect = TokenRect { left: region.x, top: region.y, right: region.right(), bottom: region.bottom() };
-        for (view, _) in output.maps() {
+        for (view, access) in output.maps() {
             let top = band.filter(|(of_band, _)| *of_band == view.buffer).map_or(0, |(_, top)| top);
             let row = |row: u32| row.saturating_sub(top);
-            self.add(&view, TokenRect { top: row(rect.top), bottom: row(rect.bottom), ..rect });
+            let read = access.of_grid(TokenRect { top: row(rect.top), bottom: row(rect.bottom), ..rect });
+            read.into_iter().for_each(|read| self.add(&view, read));
         }
         rect
     }

@@ -53,9 +53,11 @@ impl Lowering<'_> {
             self.push(&name, dispatch.stage, dispatch.flops, dispatch.call);
         }
         let color = self.whole(self.graph.residual);
+        let Some(gains) = self.gains() else { return };
         let output = OutputSignal {
             filtered,
             color,
+            gains,
             input: dst,
             stats,
             width,

@@ -1,5 +1,6 @@
 //! Twins of the frame's way into the network and out of it ([`crate::kernels::frame_io`]).
 
+use super::energy;
 use super::map::Map;
 use super::noisy_albedo;
 use super::samples::{Mending, Way, light_of};
@@ -204,10 +205,12 @@ impl Twin for InputAux {
 }
 
 impl Twin for Output {
-    /// `max(expm1(c + r) / exposure, 0)`, at most the frame's largest sample, mixed with the noisy colour, and what
+    /// `max(expm1(c + r) / exposure, 0)`, or of radiance `max(r / exposure, 0)` with the light that is given back, at most the frame's largest sample, mixed with the noisy colour, and what
     /// went around the network; cropped.
     fn compute(&self, reference: &mut Reference) {
         let (residual, log_color) = (reference.map(&self.residual), reference.map(&self.log_color));
+        let size = reference.frame.size();
+        let gains = self.gains.map(|gains| energy::of_frame(&reference.map(&gains), size));
         let top = self.residual_top as usize;
         let stats = reference.buffer(self.stats);
         let exposure = stats[EXPOSURE];
@@ -227,7 +230,13 @@ impl Twin for Output {
             for channel in 0..3 {
                 let (c, r) = (log_color.token(x, y)[channel], residual.token(x, y - top)[channel]);
                 let linear = |log: f64| clamp(log.exp_m1() / exposure, most);
-                let clean = if self.radiance { clamp(r / exposure, most) } else { linear(c + r) };
+                let clean = match &gains {
+                    Some(gains) => {
+                        let clean = clamp(r / exposure, most);
+                        clean * energy::factor(gains, (x, y), channel, clean, stats[LARGEST + channel])
+                    }
+                    None => linear(c + r),
+                };
                 let denoised = clamp(clean, stats[LARGEST + channel]);
                 let mut mixed = (1.0 - blend) * denoised + blend * linear(c);
                 let sample = frame.samples(x, y)[channel];

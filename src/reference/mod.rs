@@ -6,6 +6,7 @@
 
 mod converged;
 mod dense;
+mod energy;
 mod expand;
 mod film;
 mod frame_io;

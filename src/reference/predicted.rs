@@ -286,7 +286,7 @@ impl Twin for MixLevels {
 }
 
 /// A level's channels at a pixel, bilinearly between the middles of its tokens of `side` pixels.
-fn enlarged(level: &Map, side: usize, (x, y): (usize, usize)) -> Vec<f64> {
+pub fn enlarged(level: &Map, side: usize, (x, y): (usize, usize)) -> Vec<f64> {
     let axis = |at: usize, size: usize| {
         let middle = ((at as f64 + 0.5) / side as f64 - 0.5).clamp(0.0, (size - 1) as f64);
         let first = middle.floor() as usize;

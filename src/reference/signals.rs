@@ -1,5 +1,6 @@
 //! Twins of the kernels for signals beside the colour ([`crate::kernels::signals`]).
 
+use super::energy;
 use super::frame_io::{LARGEST_HALF, RANGE, average, clamp, converged_share, fill};
 use super::map::Map;
 use super::predicted::demodulator;
@@ -130,7 +131,9 @@ impl Twin for InputSignal {
 impl Twin for OutputSignal {
     /// A filtered signal to its plane.
     fn compute(&self, reference: &mut Reference) {
-        let [filtered, color, input] = [&self.filtered, &self.color, &self.input].map(|view| reference.map(view));
+        let views = [&self.filtered, &self.color, &self.input, &self.gains];
+        let [filtered, color, input, gains] = views.map(|view| reference.map(view));
+        let gains = energy::of_frame(&gains, reference.frame.size());
         let stats = reference.buffer(self.stats);
         let map = self.converged.map(|map| reference.buffer(map));
         let frame = &reference.frame;
@@ -148,9 +151,14 @@ impl Twin for OutputSignal {
             let direct = input.token(x, y);
             for c in 0..signal.channels {
                 let (clean, largest) = (clamp(color.token(x, y)[c] * inverse, most), stats[LARGEST + c]);
+                let factor = match signal.is_light() {
+                    true => energy::factor(&gains, (x, y), c, clean, largest),
+                    false => 1.0,
+                };
+                let clean = factor * clean;
                 let cut = if signal.is_light() && clean > largest { largest / clean } else { 1.0 };
                 let alone = direct[7] as u32 >> c & 1 == 1;
-                let kernels = if alone { 0.0 } else { (1.0 - blend) * filtered.token(x, y)[c] * inverse * cut };
+                let kernels = if alone { 0.0 } else { (1.0 - blend) * filtered.token(x, y)[c] * factor * inverse * cut };
                 let denoised = (kernels + direct[4 + c] * inverse).clamp(-end, end);
                 let own = Some(signal.samples(y * width + x)[c]).filter(|own| own.is_finite()).map_or(0.0, f64::from);
                 let mixed = match converged {

@@ -108,10 +108,10 @@ impl Kernel for KernelInputs {
     }
 
     fn maps(&mut self, visit: &mut dyn FnMut(&mut View, Access)) {
-        visit(&mut self.early, Access::Read(Footprint::Finer));
+        visit(&mut self.early, Access::Read(Footprint::Finer { by: 2 }));
         visit(&mut self.tokens, Access::SAME);
         for map in [&mut self.albedo, &mut self.color, &mut self.residual] {
-            visit(map, Access::Read(Footprint::Finer));
+            visit(map, Access::Read(Footprint::Finer { by: 2 }));
         }
         visit(&mut self.dst, Access::Write(Scale::Double));
         visit(&mut self.taps, Access::Write(Scale::Double));

@@ -70,7 +70,7 @@ impl Kernel for Halve {
 
     fn maps(&mut self, visit: &mut dyn FnMut(&mut View, Access)) {
         for map in [Some(&mut self.src), self.albedo.as_mut()].into_iter().flatten() {
-            visit(map, Access::Read(Footprint::Finer));
+            visit(map, Access::Read(Footprint::Finer { by: 2 }));
         }
         visit(&mut self.dst, Access::Write(Scale::Same));
     }
