@@ -35,8 +35,7 @@ layout(push_constant) uniform Push {
 const uint FLAG_CONVERGED = 16u;
 const float BOUND = 0.125;
 
-// By invocation: what is missing of the light, the square of it pixel by pixel, and the light that there is room
-// beside.
+// By invocation: what is missing of the light, the square of it pixel by pixel, and the light that has room.
 shared vec4 missing_of[LANES];
 shared vec4 squares_of[LANES];
 shared vec4 room_of[LANES];

@@ -245,10 +245,10 @@ fn approximate_tiles_are_close_to_the_whole() {
             let line = Extent::new(own.len() as u32 / 3, 1);
             let close = Comparison::new(line, &own, &full).unwrap().tone_mapped_db(0.18);
             println!("{name}: {close:.1} dB");
-            // Squares that stand alone in noise called converged lack all that the whole pass sees around them. How
-            // much is a matter of the weights: 27.8 dB with those that ship, over 30 with those that look less far
-            // around.
-            let least = if ["half", "all but one"].contains(&name) { 50.0 } else { 27.0 };
+            // Squares that stand alone in noise called converged lack all that the whole pass sees around them, and
+            // the light that is given back there (26.0 dB; 27.8 without). How much is a matter of the weights too: over
+            // 30 with those that look less far around.
+            let least = if ["half", "all but one"].contains(&name) { 50.0 } else { 25.5 };
             assert!(close > least, "{name}: {close} dB");
         }
     }

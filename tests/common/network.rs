@@ -24,10 +24,12 @@ pub fn plan_with(weights: &Weights, extent: Extent, folds: Folds) -> Plan {
     plan(&graph, extent, &Target { keep_all: true, overlap_bytes: 0, folds, ..Target::default() }).unwrap()
 }
 
-/// Where the dispatches of the network proper lie in a plan: after the inputs, before the output.
+/// Where the dispatches of the network proper lie in a plan: after the inputs, before what is given back and the output.
 pub fn network_range(plan: &Plan) -> std::ops::Range<usize> {
     let inputs = plan.dispatches.iter().rposition(|d| matches!(d.call, Call::InputColor(_) | Call::InputAux(_)));
-    inputs.unwrap() + 1..plan.dispatches.iter().rposition(|d| matches!(d.call, Call::Output(_))).unwrap()
+    let is_after = |call: &Call| matches!(call, Call::EnergyGains(_) | Call::Output(_));
+    let last = plan.dispatches.iter().rposition(|d| !is_after(&d.call));
+    inputs.unwrap() + 1..last.unwrap() + 1
 }
 
 /// Every buffer of a plan in memory of its own, so that all can be read after a run.

@@ -131,8 +131,8 @@ fn compare(dispatch: &Dispatch, view: &View, buffer: &[f32], expected: &[f64]) -
     let (channels, stride) = (view.channels as usize, view.stride as usize);
     let found = buffer.chunks_exact(stride).flat_map(|token| &token[view.first as usize..][..channels]);
     let pairs: Vec<(f64, f64)> = found.zip(expected).map(|(f, e)| (f64::from(*f), *e)).collect();
-    let mut windows = vec![0.0f64; (view.tokens() / u64::from(TILE * TILE)) as usize];
-    let across = view.width / TILE;
+    let mut windows = vec![0.0f64; (view.width.div_ceil(TILE) * view.height.div_ceil(TILE)) as usize];
+    let across = view.width.div_ceil(TILE);
     for (token, pairs) in pairs.chunks_exact(channels).enumerate() {
         let (x, y) = (token as u32 % view.width / TILE, token as u32 / view.width / TILE);
         windows[(y * across + x) as usize] += pairs.iter().map(|(f, e)| (f - e).powi(2)).sum::<f64>();

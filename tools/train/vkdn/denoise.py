@@ -2,7 +2,7 @@
 import numpy as np
 import torch
 
-from . import preprocess
+from . import energy, preprocess
 from .model import predict
 
 FEATURE_NAMES = ("albedo", "normal", "depth")
@@ -26,6 +26,9 @@ def denoise(model, planes, stats=None, features=FEATURE_NAMES, clean_aux=False):
     device = next(model.parameters()).device
     c, aux = prepare(used, stats, clean_aux)
     _, beyond, given = preprocess.split(used["color"], stats.exposure, stats.key)
-    output = predict(model, c[None].to(device), aux[None].to(device))[0]
+    output = predict(model, c[None].to(device), aux[None].to(device))[0].permute(1, 2, 0).cpu().numpy()
     largest = preprocess.largest_of(used["color"])
-    return preprocess.finish(output.permute(1, 2, 0).cpu().numpy(), stats.exposure, largest, beyond, given)
+    if model.arch.head:
+        radiance = energy.given_back(np.expm1(c.numpy().transpose(1, 2, 0)), np.expm1(output), largest * stats.exposure)
+        output = np.log1p(radiance).astype(np.float32)
+    return preprocess.finish(output, stats.exposure, largest, beyond, given)
