@@ -53,8 +53,8 @@ pub struct Line {
 pub fn measure(device: &Device, weights: &Weights, frame: &Frame, target: &Target) -> Result<Vec<Line>> {
     let graph = Graph::new(weights.arch())?;
     let plan = plan(&graph, frame.extent, &Target { keep_all: true, ..*target })?;
-    let end =
-        plan.dispatches.iter().position(|d| matches!(d.call, Call::Output(_))).ok_or("a plan without an output")?;
+    let is_after = |call: &Call| matches!(call, Call::EnergyGains(_) | Call::Output(_));
+    let end = plan.dispatches.iter().position(|d| is_after(&d.call)).ok_or("a plan without an output")?;
     let bench = run_on_device(device, weights, frame, target.kernels, &plan, end)?;
     let mut reference = Reference::new(&plan, weights)?;
     reference.set_frame(frame, None, 0.0)?;
@@ -131,8 +131,8 @@ fn compare(dispatch: &Dispatch, view: &View, buffer: &[f32], expected: &[f64]) -
     let (channels, stride) = (view.channels as usize, view.stride as usize);
     let found = buffer.chunks_exact(stride).flat_map(|token| &token[view.first as usize..][..channels]);
     let pairs: Vec<(f64, f64)> = found.zip(expected).map(|(f, e)| (f64::from(*f), *e)).collect();
-    let mut windows = vec![0.0f64; (view.width.div_ceil(TILE) * view.height.div_ceil(TILE)) as usize];
-    let across = view.width.div_ceil(TILE);
+    let mut windows = vec![0.0f64; (view.tokens() / u64::from(TILE * TILE)) as usize];
+    let across = view.width / TILE;
     for (token, pairs) in pairs.chunks_exact(channels).enumerate() {
         let (x, y) = (token as u32 % view.width / TILE, token as u32 / view.width / TILE);
         windows[(y * across + x) as usize] += pairs.iter().map(|(f, e)| (f - e).powi(2)).sum::<f64>();
