@@ -34,6 +34,8 @@ layout(push_constant) uniform Push {
 
 const uint FLAG_CONVERGED = 16u;
 const float BOUND = 0.125;
+// More than 1, so that one pixel alone is never enough.
+const float CAUTION = 1.5;
 
 // By invocation: what is missing of the light, the square of it pixel by pixel, and the light that has room.
 shared vec4 missing_of[LANES];
@@ -78,7 +80,7 @@ void main() {
     vec4 gains = vec4(0.0);
     for (int i = 0; i < 3; ++i) {
         float lacks = missing_of[0][i];
-        float by_chance = squares_of[0][i];
+        float by_chance = CAUTION * squares_of[0][i];
         if (lacks * lacks > by_chance && room_of[0][i] > 0.0) {
             gains[i] = clamp((lacks - by_chance / lacks) / room_of[0][i], -BOUND, BOUND);
         }

@@ -23,17 +23,20 @@ pub(super) const BESIDE_PIXELS: Access = Access::Read(Footprint::Coarser { by: B
 const INVOCATIONS: u64 = 256;
 /// Most that a gain may be, and least: a block beside a lamp that a network smears must not flare up.
 pub const BOUND: f64 = 0.125;
+/// What the sum of the squares is multiplied by: with 1 a single bright pixel, which is nearly all of what is missing
+/// and of its square, would have twice of what the others lack given back, however little that says.
+pub const CAUTION: f64 = 1.5;
 
 /// For every block of [`BLOCK`]x[`BLOCK`] pixels and each channel a gain, so that with it the block has the light that
 /// the network was given: a result x becomes `x (1 + gain room(x))`, the gain bilinear between the blocks' middles, with
 /// `room(x) = sqrt(1 - x / largest)` of the frame's largest sample.
 ///
-/// Of a block's pixels `missing` is the sum of what the network was given less its result, and `by chance` the sum of
-/// the squares of these differences: the most that noise, independent from pixel to pixel, gives the sum as a variance.
-/// The gain is `(missing - by chance / missing) / sum of x room(x)`, 0 where by chance exceeds missing's square, and at
-/// most [`BOUND`] from 0. So what a single pixel lacks is never given back, and of what n like ones lack all but one
-/// n-th: as much as can be told from noise (the positive part of James and Stein's estimate, "Estimation with Quadratic
-/// Loss", 1961, has that form).
+/// Of a block's pixels `missing` is the sum of what the network was given less its result, and `by chance`
+/// [`CAUTION`] times the sum of the squares of these differences, which is the most that noise, independent from pixel to
+/// pixel, gives the other sum as a variance. The gain is `(missing - by chance / missing) / sum of x room(x)`, 0 where by
+/// chance exceeds missing's square, and at most [`BOUND`] from 0. So what a single pixel lacks is never given back, and of what n like ones lack the share
+/// 1 - 1.5 / n: as much as can be told from noise (the positive part of James and Stein's estimate, "Estimation with
+/// Quadratic Loss", 1961, has that form).
 #[derive(Clone, Debug, PartialEq)]
 pub struct EnergyGains {
     /// The network's result: exposed radiance in three channels, 32-bit floats.

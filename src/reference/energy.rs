@@ -5,7 +5,7 @@ use super::predicted::enlarged;
 use super::{Reference, Twin};
 use crate::kernels::TILE;
 use crate::kernels::converged::MAP_TILE;
-use crate::kernels::energy::{BLOCK, BOUND, EnergyGains};
+use crate::kernels::energy::{BLOCK, BOUND, CAUTION, EnergyGains};
 use crate::kernels::stats::{EXPOSURE, LARGEST};
 
 /// Tokens of the grid in a square.
@@ -33,7 +33,7 @@ impl Twin for EnergyGains {
                 for &(x, y) in &pixels {
                     let has = result.token(x, y)[c].max(0.0);
                     let lacks = log_color.token(x, y)[c].exp_m1() - has;
-                    (missing, by_chance) = (missing + lacks, by_chance + lacks * lacks);
+                    (missing, by_chance) = (missing + lacks, by_chance + CAUTION * lacks * lacks);
                     with_room += has * room(has / stats[EXPOSURE], stats[LARGEST + c]);
                 }
                 if missing * missing > by_chance && with_room > 0.0 {

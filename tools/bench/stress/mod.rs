@@ -53,11 +53,22 @@ impl fmt::Display for Bound {
     }
 }
 
+/// What answers for a figure.
+#[derive(Clone, Copy, Debug, PartialEq, Eq)]
+pub enum Depends {
+    /// The engine with the network that ships, or with any other: the tests hold it to the bound.
+    Engine,
+    /// How well the network was trained: the tests do not.
+    Weights,
+}
+
 /// The worst figure of a case.
 #[derive(Clone, Debug, PartialEq)]
 pub struct Measured {
     /// What the figure is.
     pub what: &'static str,
+    /// What answers for it.
+    pub depends: Depends,
     /// Where it must lie.
     pub bound: Bound,
     /// The figure.
@@ -73,7 +84,12 @@ impl Measured {
             Bound::AtMost(_) => f64::NEG_INFINITY,
             Bound::AtLeast(_) => f64::INFINITY,
         };
-        Self { what, bound, value, worst: String::new() }
+        Self { what, depends: Depends::Engine, bound, value, worst: String::new() }
+    }
+
+    /// The same, where the network's training answers for it.
+    pub fn by_weights(self) -> Self {
+        Self { depends: Depends::Weights, ..self }
     }
 
     /// Takes a figure in; the worst one stays, a NaN above all.

@@ -6,6 +6,7 @@ import numpy as np
 
 BLOCK = 64
 BOUND = 0.125
+CAUTION = 1.5
 
 
 def room(radiance, largest):
@@ -21,7 +22,7 @@ def sums(plane):
 
 def gains(given, result, largest):
     """Of every block: what it lacks beyond what chance may take, over the light that has room."""
-    missing, by_chance = sums(given - result), sums((given - result) ** 2)
+    missing, by_chance = sums(given - result), CAUTION * sums((given - result) ** 2)
     with_room = sums(result * room(result, largest))
     known = (missing**2 > by_chance) & (with_room > 0)
     sure = missing - by_chance / np.where(known, missing, 1)
