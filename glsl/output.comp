@@ -27,7 +27,7 @@ layout(push_constant) uniform Push {
     TileList tiles;       // with FLAG_TILE_LIST
     Uints map;            // with FLAG_CONVERGED
     Floats turned;        // with FLAG_TURNED and FLAG_UPRIGHT: three floats for each pixel of the frame
-    Weights gains;      // with FLAG_RADIANCE
+    Weights gains;        // with FLAG_RADIANCE
     uint left;            // the pixels to write, ends excluded
     uint top;
     uint right;

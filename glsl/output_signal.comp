@@ -23,7 +23,7 @@ layout(push_constant) uniform Push {
     Uints map;            // with FLAG_CONVERGED
     TileList tiles;       // with FLAG_TILE_LIST
     Floats turned;        // with FLAG_TURNED and FLAG_UPRIGHT: the signal's channels for each pixel of the frame
-    Weights gains;      // of the colour's result
+    Weights gains;        // of the colour's result
     uint left;            // the pixels to write, ends excluded
     uint top;
     uint right;

@@ -47,7 +47,8 @@ fn a_small_region_needs_a_part_of_the_work() {
         shares
     };
     // A whole frame is less work where the last stage is folded, and a region never took much of that.
-    // Light is given back by squares of 64 pixels, of which those around count: the work of 96 pixels more on each side.
+    // Light is given back by squares of 64 pixels, of which those around count: the work of 96 pixels more on each
+    // side.
     for (head, most) in [(Head::pure(), [0.69, 0.45, 0.18]), (Head::Residual, [0.62, 0.43, 0.23])] {
         let shares = shares_with(head, Folds::ALL);
         assert!(shares.into_iter().zip(most).all(|(share, most)| share <= most), "{shares:?}");

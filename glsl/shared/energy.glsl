@@ -7,8 +7,8 @@ vec3 energy_room(vec3 clean, vec3 largest) {
     return sqrt(max(1.0 - clean / max(largest, vec3(1e-37)), vec3(0.0)));
 }
 
-// A pixel's gain, bilinearly between the middles of the squares that hold pixels of the frame, `columns` in a row of the
-// map.
+// A pixel's gain, bilinearly between the middles of the squares that hold pixels of the frame, `columns` in a row of
+// the map.
 vec3 energy_gain(Weights gains, uint columns, uvec2 at, uvec2 frame) {
     vec2 middle = (vec2(at) + 0.5) / float(BLOCK) - 0.5;
     vec2 first = floor(middle);

@@ -28,15 +28,15 @@ pub const BOUND: f64 = 0.125;
 pub const CAUTION: f64 = 1.5;
 
 /// For every block of [`BLOCK`]x[`BLOCK`] pixels and each channel a gain, so that with it the block has the light that
-/// the network was given: a result x becomes `x (1 + gain room(x))`, the gain bilinear between the blocks' middles, with
-/// `room(x) = sqrt(1 - x / largest)` of the frame's largest sample.
+/// the network was given: a result x becomes `x (1 + gain room(x))`, the gain bilinear between the blocks' middles,
+/// with `room(x) = sqrt(1 - x / largest)` of the frame's largest sample.
 ///
 /// Of a block's pixels `missing` is the sum of what the network was given less its result, and `by chance`
-/// [`CAUTION`] times the sum of the squares of these differences, which is the most that noise, independent from pixel to
-/// pixel, gives the other sum as a variance. The gain is `(missing - by chance / missing) / sum of x room(x)`, 0 where by
-/// chance exceeds missing's square, and at most [`BOUND`] from 0. So what a single pixel lacks is never given back, and of what n like ones lack the share
-/// 1 - 1.5 / n: as much as can be told from noise (the positive part of James and Stein's estimate, "Estimation with
-/// Quadratic Loss", 1961, has that form).
+/// [`CAUTION`] times the sum of the squares of these differences, which is the most that noise, independent from pixel
+/// to pixel, gives the other sum as a variance. The gain is `(missing - by chance / missing) / sum of x room(x)`, 0
+/// where by chance exceeds missing's square, and at most [`BOUND`] from 0. So what a single pixel lacks is never given
+/// back, and of what n like ones lack the share 1 - 1.5 / n: as much as can be told from noise (the positive part of
+/// James and Stein's estimate, "Estimation with Quadratic Loss", 1961, has that form).
 #[derive(Clone, Debug, PartialEq)]
 pub struct EnergyGains {
     /// The network's result: exposed radiance in three channels, 32-bit floats.

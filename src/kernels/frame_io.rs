@@ -192,9 +192,10 @@ impl Kernel for InputAux {
     }
 }
 
-/// `max(expm1(c + r) / exposure, 0)`, or where the network makes radiance `max(r / exposure, 0)` with what squares of it
-/// get back of the light ([`super::energy::EnergyGains`]), at most the frame's largest sample of the channel, mixed with the noisy colour by `blend`, cropped to the frame; then what of the
-/// caller's pixel was not in c is added, where c is marked, or is all of it in a lamp of +Inf ([`InputColor`]).
+/// `max(expm1(c + r) / exposure, 0)`, or where the network makes radiance `max(r / exposure, 0)` with what squares of
+/// it get back of the light ([`super::energy::EnergyGains`]), at most the frame's largest sample of the channel, mixed
+/// with the noisy colour by `blend`, cropped to the frame; then what of the caller's pixel was not in c is added, where
+/// c is marked, or is all of it in a lamp of +Inf ([`InputColor`]).
 #[derive(Clone, Debug, PartialEq)]
 pub struct Output {
     /// The network's result r, three channels and padding.

@@ -152,7 +152,8 @@ impl Chain {
     /// The longest chain that begins at `at`; a single operation if there is no longer one. `head`: the first operation
     /// of a head that may be one chain to the picture; `stored`: the values that kernels leave in memory.
     fn new(graph: &Graph, at: usize, target: &Target, stored: &HashSet<ValueId>, head: Option<usize>) -> Self {
-        let mut best = Self { at, ops: 1, locals: Vec::new(), widest: 0, above: 0, below: 0, grain: TILE, makes_picture: false };
+        let (ops, locals, makes_picture) = (1, Vec::new(), false);
+        let mut best = Self { at, ops, locals, widest: 0, above: 0, below: 0, grain: TILE, makes_picture };
         let mut made: Vec<ValueId> = Vec::new();
         let kept = kept_for_kernels(graph);
         let head = head.filter(|_| !target.signals);

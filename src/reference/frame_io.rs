@@ -205,8 +205,8 @@ impl Twin for InputAux {
 }
 
 impl Twin for Output {
-    /// `max(expm1(c + r) / exposure, 0)`, or of radiance `max(r / exposure, 0)` with the light that is given back, at most the frame's largest sample, mixed with the noisy colour, and what
-    /// went around the network; cropped.
+    /// `max(expm1(c + r) / exposure, 0)`, or of radiance `max(r / exposure, 0)` with the light that is given back, at
+    /// most the frame's largest sample, mixed with the noisy colour, and what went around the network; cropped.
     fn compute(&self, reference: &mut Reference) {
         let (residual, log_color) = (reference.map(&self.residual), reference.map(&self.log_color));
         let size = reference.frame.size();

@@ -158,7 +158,8 @@ impl Twin for OutputSignal {
                 let clean = factor * clean;
                 let cut = if signal.is_light() && clean > largest { largest / clean } else { 1.0 };
                 let alone = direct[7] as u32 >> c & 1 == 1;
-                let kernels = if alone { 0.0 } else { (1.0 - blend) * filtered.token(x, y)[c] * factor * inverse * cut };
+                let share = if alone { 0.0 } else { 1.0 - blend };
+                let kernels = share * filtered.token(x, y)[c] * factor * inverse * cut;
                 let denoised = (kernels + direct[4 + c] * inverse).clamp(-end, end);
                 let own = Some(signal.samples(y * width + x)[c]).filter(|own| own.is_finite()).map_or(0.0, f64::from);
                 let mixed = match converged {

@@ -24,7 +24,8 @@ pub fn plan_with(weights: &Weights, extent: Extent, folds: Folds) -> Plan {
     plan(&graph, extent, &Target { keep_all: true, overlap_bytes: 0, folds, ..Target::default() }).unwrap()
 }
 
-/// Where the dispatches of the network proper lie in a plan: after the inputs, before what is given back and the output.
+/// Where the dispatches of the network proper lie in a plan: after the inputs, before what is given back and the
+/// output.
 pub fn network_range(plan: &Plan) -> std::ops::Range<usize> {
     let inputs = plan.dispatches.iter().rposition(|d| matches!(d.call, Call::InputColor(_) | Call::InputAux(_)));
     let is_after = |call: &Call| matches!(call, Call::EnergyGains(_) | Call::Output(_));

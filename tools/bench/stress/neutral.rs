@@ -206,8 +206,8 @@ fn ramp(subject: &mut Subject, _: Effort) -> Result<Vec<Measured>> {
     Ok(vec![end, moved])
 }
 
-/// Light is neither lost nor made: of some frames of other noise together, as chance moves the mean of what came in, and
-/// with it the result's, by half a percent in each.
+/// Light is neither lost nor made: of some frames of other noise together, as chance moves the mean of what came in,
+/// and with it the result's, by half a percent in each.
 fn energy(subject: &mut Subject, _: Effort) -> Result<Vec<Measured>> {
     let sum = |values: &[f32]| values.iter().map(|&v| f64::from(v)).sum::<f64>();
     let (mut found, mut right) = (0.0, 0.0);
