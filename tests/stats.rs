@@ -17,6 +17,7 @@ use vkdenoise::frame::{Extent, Region};
 use vkdenoise::kernels::frame_io::{Fireflies, InputAux, InputColor, Output};
 use vkdenoise::kernels::planes::{Format, PlaneArgs, Role};
 use vkdenoise::kernels::stats::{self, Clear, Counted, Histogram, Select, TileStats};
+use vkdenoise::kernels::energy::BLOCK;
 use vkdenoise::kernels::{BufferId, Call, KernelTarget, Storage, Tiles, View};
 use vkdenoise::net::{Block, Convolution, Weights};
 use vkdenoise::plan::{Buffer, Place};
@@ -58,9 +59,9 @@ fn residual(extent: Extent) -> View {
     view(extent, RESIDUAL, 4, 4, 12)
 }
 
-/// Of squares of 64 pixels, some of them beyond the frame.
+/// Of squares, some of them beyond the frame.
 fn gains(extent: Extent) -> View {
-    let (width, height) = (extent.width.div_ceil(64) + 1, extent.height.div_ceil(64) + 1);
+    let (width, height) = (extent.width.div_ceil(BLOCK) + 1, extent.height.div_ceil(BLOCK) + 1);
     View { width, height, ..view(extent, GAINS, 0, 4, 4) }
 }
 
